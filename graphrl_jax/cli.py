@@ -1,0 +1,301 @@
+"""The command line: `train.py` and `python -m graphrl_jax {demos,pretrain,evaluate}`.
+
+A request that cannot be carried out (bad file, unknown name, a folder that holds another run) is one sentence on
+standard error and exit code 2, and nothing is overwritten.
+"""
+
+import json
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import jax
+import numpy as np
+import tyro
+
+from graphrl_jax import compilation, demonstrations, pipeline, plots, recording, runs
+from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
+from graphrl_jax.progress import Progress
+from graphrl_jax.runs import Run, RunError
+from graphrl_jax.settings import Settings, default_preset
+from graphrl_jax.task import Task, make_task
+
+Demos = Annotated[Path | None, tyro.conf.arg(help="demonstration file; the expert makes them if none is given")]
+
+
+@dataclass(frozen=True)
+class Train:
+    """Learn a reward from demonstrations and train a policy on it.
+
+    Attributes:
+      task: Registered task.
+      reward: graph (robot left out of the pooling), graph_with_robot, or env (the task's own reward).
+      preset: smoke, cpu or gpu; chosen for the device if left out.
+      demos: Demonstration file; the expert makes them if none is given.
+      alpha: Weight of objects that have moved (Eq. 1).
+      seed: Everything random follows from it.
+      out: Folder of the run; runs/TASK_REWARD_SEED if left out.
+      resume: Continue the run in --out from its last checkpoint; its own settings are used.
+    """
+
+    task: str = "match_regions"
+    reward: str = "graph"
+    preset: str | None = None
+    demos: Path | None = None
+    alpha: float = 2.0
+    seed: int = 0
+    out: Path | None = None
+    resume: bool = False
+
+
+@dataclass(frozen=True)
+class MakeDemos:
+    """Write expert demonstrations, and deliberate failures, to a file.
+
+    Attributes:
+      out: File to write (.npz); must not exist.
+      task: Registered task.
+      num: Successful demonstrations.
+      failures: Deliberate failures, of every kind in turn.
+      seed: Everything random follows from it.
+    """
+
+    out: Path
+    task: str = "match_regions"
+    num: int = 64
+    failures: int = 0
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Pretrain:
+    """Train an encoder alone and audit its reward.
+
+    Attributes:
+      demos: Demonstration file.
+      out: Folder of the run.
+      alpha: Weight of objects that have moved (Eq. 1).
+      with_robot: Keep the robot's node in the pooling.
+      steps: Optimiser steps.
+      seed: Everything random follows from it.
+    """
+
+    demos: Path
+    out: Path
+    alpha: float = 2.0
+    with_robot: bool = False
+    steps: int = 1000
+    seed: int = 0
+
+
+@dataclass(frozen=True)
+class Evaluate:
+    """Evaluate a run's policy on unseen episodes: one JSON line, and a video.
+
+    Attributes:
+      run: Folder of the run.
+      episodes: Number of episodes.
+      seed: Decides the episodes.
+      video_episodes: Episodes shown in the video; 0 writes none.
+      out: Video file; evaluation_SEED.mp4 in the run's folder if left out.
+    """
+
+    run: tyro.conf.Positional[Path]
+    episodes: int = 256
+    seed: int = 7
+    video_episodes: int = 2
+    out: Path | None = None
+
+
+def train_main(args: list[str] | None = None) -> None:
+    """Entry point of `train.py`."""
+    _run(lambda: train(tyro.cli(Train, args=args)))
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `python -m graphrl_jax`."""
+    commands = {"demos": MakeDemos, "pretrain": Pretrain, "evaluate": Evaluate}
+    actions: dict[type, Callable[[Any], None]] = {MakeDemos: make_demos, Pretrain: pretrain, Evaluate: evaluate}
+
+    def run() -> None:
+        request = tyro.extras.subcommand_cli_from_dict(commands, args=args)
+        actions[type(request)](request)
+
+    _run(run)
+
+
+def _run(action: Callable[[], None]) -> None:
+    try:
+        action()
+    except (ValueError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+
+
+def train(request: Train) -> None:
+    """A whole run; see `Train`."""
+    started = time.perf_counter()
+    compile_log = compilation.configure()
+    run, settings = _resumed(request) if request.resume else _started(request)
+    task = make_task(settings.task)
+    numbers: dict[str, Any] = {}
+    with Progress() as progress:
+        progress.note(f"run directory: {run.path}")
+        demos = _demonstrations(run, task, settings)
+        reward_params: Any = np.float32(settings.pretrain.tau)
+        if settings.reward != "env":
+            if (run.path / "encoder.json").exists():
+                numbers["encoder"] = runs.read_json(run.path / "encoder.json")
+                reward_params = pipeline.load_reward(run, settings, task)
+            else:
+                sizes = settings.sizes.pretrain
+                reward_params, numbers["encoder"] = pipeline.train_encoder(
+                    run, demos, sizes, settings.pretrain, settings.seed, progress
+                )
+                numbers["encoder"] |= pipeline.audit_reward(run, task, reward_params, demos, settings.seed)
+                runs.write_json(run.path / "encoder.json", numbers["encoder"])
+        policy, trained = pipeline.train_policy(run, task, settings, reward_params, progress)
+        progress.note("evaluating")
+        episodes = settings.sizes.episodes
+        outcome = pipeline.evaluate_policy(task, settings, reward_params, policy, episodes, settings.seed + 1000)
+        _show_policy(run, task, settings, reward_params, policy, settings.seed + 1000, 2, run.path / "rollout.mp4")
+    summary = {
+        **outcome,
+        **trained,
+        "wall_s": time.perf_counter() - started,
+        "compile_s": compile_log.seconds,
+        "compilation_cache": compile_log.cache,
+        "resumed": request.resume,
+        **numbers,
+        "training_seed": settings.seed,
+        "reward": settings.reward,
+        "versions": runs.versions(),
+        "device": runs.device(),
+    }
+    runs.write_json(run.path / "summary.json", summary)
+    print(json.dumps({"out": str(run.path), **outcome, "wall_s": round(summary["wall_s"], 1)}))
+
+
+def make_demos(request: MakeDemos) -> None:
+    """See `MakeDemos`."""
+    compilation.configure()
+    if request.out.exists():
+        raise RunError(f"--out {request.out} exists already; choose another name")
+    for name, least in (("num", 1), ("failures", 0)):
+        if getattr(request, name) < least:
+            raise ValueError(f"--{name} is {getattr(request, name)}; allowed: {least} or more")
+    made = make_task(request.task).demonstrate(jax.random.key(request.seed), request.num, request.failures)
+    made.save(request.out)
+    print(json.dumps({"out": str(request.out), "demonstrations": len(made), "successes": int(made.success.sum())}))
+
+
+def pretrain(request: Pretrain) -> None:
+    """See `Pretrain`."""
+    compilation.configure()
+    demos = demonstrations.load(request.demos)
+    task = make_task(demos.task)
+    config = PretrainConfig(steps=request.steps)
+    hyper = PretrainHyper(alpha=request.alpha, suppress_robot=float(not request.with_robot))
+    run = Run.create(request.out, {"command": "pretrain", "task": demos.task, **_plain(asdict(request))})
+    with Progress() as progress:
+        model, numbers = pipeline.train_encoder(run, demos, config, hyper, request.seed, progress)
+        numbers |= pipeline.audit_reward(run, task, model, demos, request.seed)
+    runs.write_json(run.path / "summary.json", {**numbers, "versions": runs.versions(), "device": runs.device()})
+    print(json.dumps({"out": str(run.path), **{k: v for k, v in numbers.items() if isinstance(v, float)}}))
+
+
+def evaluate(request: Evaluate) -> None:
+    """See `Evaluate`."""
+    compilation.configure()
+    run = Run(request.run)
+    settings = _settings(run)
+    if request.episodes < 1:
+        raise ValueError(f"--episodes is {request.episodes}; allowed: 1 or more")
+    task = make_task(settings.task)
+    reward_params: Any = np.float32(settings.pretrain.tau)
+    if settings.reward != "env":
+        reward_params = pipeline.load_reward(run, settings, task)
+    policy = pipeline.load_policy(run, task, settings, reward_params)
+    outcome = pipeline.evaluate_policy(task, settings, reward_params, policy, request.episodes, request.seed)
+    if request.video_episodes:
+        video = request.out or run.path / f"evaluation_{request.seed}.mp4"
+        _show_policy(run, task, settings, reward_params, policy, request.seed, request.video_episodes, video)
+    print(json.dumps(outcome))
+
+
+def _started(request: Train) -> tuple[Run, Settings]:
+    """A new run and its settings, validated before anything is written."""
+    hyper = PretrainHyper(alpha=request.alpha, suppress_robot=float(request.reward != "graph_with_robot"))
+    settings = Settings(
+        task=request.task,
+        reward=request.reward,  # pyright: ignore[reportArgumentType]: Settings checks it
+        preset=request.preset or default_preset(),
+        seed=request.seed,
+        demos=None if request.demos is None else str(request.demos),
+        pretrain=hyper,
+    )
+    make_task(settings.task)
+    if settings.demos is not None:
+        demonstrations.load(settings.demos)
+    out = request.out or Path("runs") / f"{settings.task}_{settings.reward}_{settings.seed}"
+    return Run.create(out, {"command": "train", "version": runs.VERSION, **asdict(settings)}), settings
+
+
+def _resumed(request: Train) -> tuple[Run, Settings]:
+    if request.out is None:
+        raise ValueError("--resume needs --out: the folder of the run to continue")
+    run = Run(request.out)
+    return run, _settings(run)
+
+
+def _settings(run: Run) -> Settings:
+    """The settings saved in a run's directory.
+
+    Raises:
+      RunError: there are none, or they are those of another version or command.
+    """
+    config = run.config
+    if config.get("command") != "train" or config.get("version") != runs.VERSION:
+        raise RunError(
+            f"{run.path}/config.json is of command {config.get('command')!r}, version {config.get('version')!r}; "
+            f"allowed: 'train', version {runs.VERSION}"
+        )
+    default = Settings()
+    fields = {name: value for name, value in config.items() if name not in ("command", "version")}
+    fields["pretrain"] = replace(default.pretrain, **fields["pretrain"])
+    fields["ppo"] = replace(default.ppo, **fields["ppo"])
+    return Settings(**fields)
+
+
+def _demonstrations(run: Run, task: Task, settings: Settings) -> demonstrations.Demonstrations:
+    """The run's demonstrations, made once and kept beside it: a resumed run sees the same ones."""
+    kept = run.path / "demonstrations.npz"
+    if kept.exists():
+        return demonstrations.load(kept)
+    demos = pipeline.make_demonstrations(task, settings)
+    demos.save(kept)
+    return demos
+
+
+def _show_policy(
+    run: Run, task: Task, settings: Settings, reward_params: Any, policy: Any, seed: int, episodes: int, video: Path
+) -> None:
+    """Writes the video of a few episodes and the figure of their rewards."""
+    recorded = recording.record(task, settings, reward_params, policy, pipeline.stage_key(seed, 5), episodes)
+    recording.write_rollout_video(task, recorded, video)
+    plots.reward_over_time(
+        recorded.rewards,
+        np.full(len(recorded.rewards), recorded.rewards.shape[1]),
+        recorded.events,
+        task.event_names,
+        task.frame_rate,
+        run.figures / "reward_on_rollouts.png",
+        "Reward on the policy's own episodes",
+    )
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
+    return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}

@@ -1,0 +1,313 @@
+"""Demonstrations: the one file format for everything that learns from them. Plain numpy, host only."""
+
+import os
+import zipfile
+import zlib
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from graphrl_jax.graph import ObjectTable
+
+VERSION = 1
+BOX_RANGE = (-0.5, 1.5)
+
+_TABLE_FIELDS = ("names", "class_ids", "is_robot", "class_names")
+_REQUIRED = ("boxes", "mask", "lengths", "success", *_TABLE_FIELDS, "frame_rate", "source", "task")
+_OPTIONAL = ("events", "event_names", "kinds", "frames")
+_PER_DEMONSTRATION = ("boxes", "mask", "lengths", "success", "events", "kinds", "frames")
+
+
+class DemonstrationError(ValueError):
+    """A demonstration file, or a set of demonstrations, that breaks the format. One sentence that names the field."""
+
+
+@dataclass(frozen=True, eq=False)
+class Demonstrations:
+    """A set of demonstrations of one task, padded to the longest.
+
+    | field       | shape           | dtype   | meaning                                                          |
+    |-------------|-----------------|---------|------------------------------------------------------------------|
+    | boxes       | (B, T, N, 4)    | float32 | cx, cy, w, h in [0, 1], origin top left; may overhang a little   |
+    | mask        | (B, T, N)       | bool    | the object is there; any finite box may stand in a masked slot   |
+    | lengths     | (B,)            | int32   | real frames, 1 to T; what lies behind is padding                 |
+    | success     | (B,)            | bool    | the demonstration solves the task                                |
+    | objects     |                 |         | `ObjectTable`: what sits in which of the N slots                 |
+    | frame_rate  |                 | float   | frames per second                                                |
+    | source      |                 | str     | where they come from                                             |
+    | task        |                 | str     | the task's registered name                                       |
+    | events      | (B, E) or None  | int32   | frame of each true stage event, -1: never                        |
+    | event_names | (E,)            | str     | their names; empty without events                                |
+    | kinds       | (B,) or None    | str     | what each one is, e.g. "success" or "one_target"                 |
+    | frames      | (B, T, H, W, 3) or None | uint8 | the pictures                                                 |
+
+    Raises:
+      DemonstrationError: a field has the wrong shape, dtype or value; the message names it.
+    """
+
+    boxes: np.ndarray
+    mask: np.ndarray
+    lengths: np.ndarray
+    success: np.ndarray
+    objects: ObjectTable
+    frame_rate: float
+    source: str
+    task: str
+    events: np.ndarray | None = None
+    event_names: tuple[str, ...] = ()
+    kinds: np.ndarray | None = None
+    frames: np.ndarray | None = None
+
+    def __post_init__(self) -> None:
+        _check_scalars(self)
+        _check_arrays(self)
+        _check_values(self)
+
+    def __len__(self) -> int:
+        """B, the number of demonstrations."""
+        return len(self.lengths)
+
+    @property
+    def num_frames(self) -> int:
+        """T, the padded number of frames."""
+        return self.boxes.shape[1]
+
+    def select(self, indices: Sequence[int] | np.ndarray) -> "Demonstrations":
+        """The demonstrations at `indices`, in that order; a boolean array of shape (B,) selects where it is True."""
+        indices = np.asarray(indices)
+        if indices.size == 0 or (indices.dtype == bool and not indices.any()):
+            raise DemonstrationError("a selection of demonstrations must keep at least one, got none")
+        chosen = {name: getattr(self, name) for name in _PER_DEMONSTRATION}
+        return replace(self, **{name: None if value is None else value[indices] for name, value in chosen.items()})
+
+    def successes(self) -> "Demonstrations":
+        """Those that solve the task."""
+        return self.select(self.success)
+
+    def split(self, fraction: float, seed: int) -> tuple["Demonstrations", "Demonstrations"]:
+        """A random split into a share of `fraction` (at least one) and the rest (at least one).
+
+        Raises:
+          DemonstrationError: `fraction` is not inside (0, 1) or there are fewer than two demonstrations.
+        """
+        if not 0 < fraction < 1:
+            raise DemonstrationError(f"the fraction of a split must lie between 0 and 1, got {fraction}")
+        if len(self) < 2:
+            raise DemonstrationError(f"a split needs at least 2 demonstrations, got {len(self)}")
+        order = np.random.default_rng(seed).permutation(len(self))
+        count = int(np.clip(round(fraction * len(self)), 1, len(self) - 1))
+        return self.select(np.sort(order[:count])), self.select(np.sort(order[count:]))
+
+    def save(self, path: str | Path) -> None:
+        """Writes one .npz file at exactly `path`, whole or not at all. Missing folders are made."""
+        entries: dict[str, Any] = {"version": np.int32(VERSION)}
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name != "objects" and value is not None:
+                entries[field.name] = value
+        entries["event_names"] = _text_array(self.event_names)
+        entries["names"] = _text_array(self.objects.names)
+        entries["class_names"] = _text_array(self.objects.class_names)
+        entries["class_ids"] = np.array(self.objects.class_ids, np.int32)
+        entries["is_robot"] = np.array(self.objects.is_robot, bool)
+
+        path = Path(path)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
+        try:
+            # An open file, not a name: numpy would append .npz to the name.
+            with temporary.open("wb") as file:
+                np.savez_compressed(file, **entries)
+            os.replace(temporary, path)
+        finally:
+            temporary.unlink(missing_ok=True)
+
+
+def load(path: str | Path) -> Demonstrations:
+    """Reads what `Demonstrations.save` wrote.
+
+    Raises:
+      DemonstrationError: the file is missing, is no demonstration file, or breaks the format; the message is one
+        sentence that starts with the path and names the field.
+    """
+    path = Path(path)
+    try:
+        return _from_entries(_read_entries(path))
+    except DemonstrationError as error:
+        raise DemonstrationError(f"{path}: {error}") from error
+
+
+def concatenate(parts: Sequence[Demonstrations]) -> Demonstrations:
+    """All demonstrations of all parts in one set, padded to the longest; the sources are listed.
+
+    Raises:
+      DemonstrationError: the parts disagree in their task, objects, frame rate, event names or optional fields.
+    """
+    if not parts:
+        raise DemonstrationError("concatenate needs at least one set of demonstrations, got none")
+    first = parts[0]
+    for part in parts[1:]:
+        for name in ("task", "objects", "frame_rate", "event_names"):
+            if getattr(part, name) != getattr(first, name):
+                raise DemonstrationError(
+                    f"{name} must be the same in all parts, got {getattr(first, name)!r} and {getattr(part, name)!r}"
+                )
+        for name in ("events", "kinds", "frames"):
+            if (getattr(part, name) is None) != (getattr(first, name) is None):
+                raise DemonstrationError(f"{name} must be present in all parts or in none")
+        if first.frames is not None and part.frames is not None and part.frames.shape[2:] != first.frames.shape[2:]:
+            raise DemonstrationError(
+                f"frames must be of one size, got {first.frames.shape[2:]} and {part.frames.shape[2:]}"
+            )
+    longest = max(part.num_frames for part in parts)
+    joined: dict[str, Any] = {}
+    for name in _PER_DEMONSTRATION:
+        values = [getattr(part, name) for part in parts]
+        if values[0] is not None:
+            in_time = name in ("boxes", "mask", "frames")
+            joined[name] = np.concatenate([_pad_time(value, longest) if in_time else value for value in values])
+    sources = dict.fromkeys(part.source for part in parts)
+    return replace(first, source="; ".join(sources), **joined)
+
+
+def _pad_time(values: np.ndarray, num_frames: int) -> np.ndarray:
+    """(B, T, ...) padded with zeros to (B, num_frames, ...)."""
+    return np.pad(values, [(0, 0), (0, num_frames - values.shape[1])] + [(0, 0)] * (values.ndim - 2))
+
+
+def _text_array(texts: Sequence[str]) -> np.ndarray:
+    """Strings as a unicode array; numpy would make an empty list an array of floats."""
+    return np.array(texts, dtype=np.str_) if len(texts) else np.empty((0,), dtype="<U1")
+
+
+def _read_entries(path: Path) -> dict[str, np.ndarray]:
+    """All arrays of an .npz file by name."""
+    if not path.is_file():
+        raise DemonstrationError("there is no such file")
+    if not zipfile.is_zipfile(path):
+        raise DemonstrationError("not an .npz file, or a truncated one")
+    entries = {}
+    name = "version"
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            for name in archive.files:
+                entries[name] = archive[name]
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile, zlib.error) as error:
+        raise DemonstrationError(f"field {name!r} cannot be read, the file is damaged ({error})") from error
+    return entries
+
+
+def _from_entries(entries: dict[str, np.ndarray]) -> Demonstrations:
+    """Demonstrations from the arrays of a file, once version and names of the fields are right."""
+    version = entries.pop("version", None)
+    if version is None:
+        raise DemonstrationError("field 'version' is missing")
+    if version.shape != () or version.dtype.kind not in "iu" or version != VERSION:
+        raise DemonstrationError(f"field 'version' is {version}, but this release reads version {VERSION} only")
+    for name in _REQUIRED:
+        if name not in entries:
+            raise DemonstrationError(f"field {name!r} is missing")
+    known = (*_REQUIRED, *_OPTIONAL)
+    for name in entries:
+        if name not in known:
+            raise DemonstrationError(f"field {name!r} is unknown; the known ones are {', '.join(known)}")
+    values: dict[str, Any] = dict(entries)
+    for name in ("frame_rate", "source", "task"):
+        if values[name].shape != ():
+            raise DemonstrationError(f"{name} must be a single value, got shape {values[name].shape}")
+        values[name] = values[name].item()
+    for name in (*_TABLE_FIELDS, "event_names"):
+        if name in values:
+            if values[name].ndim != 1:
+                raise DemonstrationError(f"{name} must have one axis, got shape {values[name].shape}")
+            values[name] = tuple(values[name].tolist())
+    try:
+        objects = ObjectTable(**{name: values.pop(name) for name in _TABLE_FIELDS})
+    except ValueError as error:
+        raise DemonstrationError(str(error)) from error
+    return Demonstrations(objects=objects, **values)
+
+
+def _check_arrays(demos: Demonstrations) -> None:
+    """Every array is there with the right dtype and shape."""
+    if not isinstance(demos.boxes, np.ndarray) or demos.boxes.ndim != 4:
+        raise DemonstrationError(f"boxes must be an array of shape (B, T, N, 4), got shape {np.shape(demos.boxes)}")
+    batch, time = demos.boxes.shape[:2]
+    slots = demos.objects.num_slots
+    if batch < 1 or time < 1:
+        raise DemonstrationError(f"boxes must hold at least one demonstration and one frame, got {demos.boxes.shape}")
+    expected: dict[str, tuple[type, tuple[int, ...]]] = {
+        "boxes": (np.float32, (batch, time, slots, 4)),
+        "mask": (np.bool_, (batch, time, slots)),
+        "lengths": (np.int32, (batch,)),
+        "success": (np.bool_, (batch,)),
+        "events": (np.int32, (batch, len(demos.event_names))),
+        "kinds": (np.str_, (batch,)),
+        "frames": (np.uint8, (batch, time, *np.shape(demos.frames)[2:4], 3)),
+    }
+    for name, (kind, shape) in expected.items():
+        value = getattr(demos, name)
+        if value is None and name in _OPTIONAL:
+            continue
+        if not isinstance(value, np.ndarray):
+            raise DemonstrationError(f"{name} must be a numpy array, got {type(value).__name__}")
+        if not np.issubdtype(value.dtype, kind):
+            raise DemonstrationError(f"{name} must have dtype {kind.__name__}, got {value.dtype}")
+        if value.shape != shape:
+            raise DemonstrationError(f"{name} must have shape {shape}, got {value.shape}")
+
+
+def _check_values(demos: Demonstrations) -> None:
+    """Boxes, lengths and events lie in their ranges."""
+    time = demos.num_frames
+    for index, length in enumerate(demos.lengths):
+        if not 1 <= length <= time:
+            raise DemonstrationError(f"lengths[{index}] is {length}; allowed are 1 to {time}, the frames in boxes")
+    # Masked slots and padding must be finite too: they are multiplied by zero later, and 0 x NaN is NaN.
+    _reject(~np.isfinite(demos.boxes), demos.boxes, "allowed are finite numbers, also in masked slots and padding")
+    real = (np.arange(time) < demos.lengths[:, None])[:, :, None] & demos.mask
+    low, high = BOX_RANGE
+    outside = (demos.boxes < low) | (demos.boxes > high)
+    _reject(outside & real[..., None], demos.boxes, f"allowed are {low} to {high}, in units of the image")
+    negative = demos.boxes < 0
+    negative[..., :2] = False
+    _reject(negative & real[..., None], demos.boxes, "widths and heights must not be negative")
+    if demos.events is not None:
+        wrong = (demos.events < -1) | (demos.events >= demos.lengths[:, None])
+        if wrong.any():
+            index, event = np.argwhere(wrong)[0]
+            raise DemonstrationError(
+                f"events[{index}, {event}] ({demos.event_names[event]}) is {demos.events[index, event]}; allowed are "
+                f"-1 for never and the frames 0 to {demos.lengths[index] - 1}"
+            )
+
+
+def _reject(wrong: np.ndarray, boxes: np.ndarray, allowed: str) -> None:
+    """Raises for the first wrong entry of boxes, if there is one."""
+    if wrong.any():
+        where = tuple(int(index) for index in np.argwhere(wrong)[0])
+        raise DemonstrationError(f"boxes[{', '.join(map(str, where))}] is {boxes[where]:.6g}; {allowed}")
+
+
+def _check_scalars(demos: Demonstrations) -> None:
+    """Texts are texts, and the frame rate is a positive number."""
+    for name in ("source", "task"):
+        if not isinstance(getattr(demos, name), str):
+            raise DemonstrationError(f"{name} must be a text, got {getattr(demos, name)!r}")
+    if not isinstance(demos.frame_rate, float | int) or not 0 < demos.frame_rate < float("inf"):
+        raise DemonstrationError(f"frame_rate must be a positive number, got {demos.frame_rate!r}")
+    names = demos.event_names
+    if not isinstance(names, tuple) or not all(isinstance(name, str) for name in names):
+        raise DemonstrationError(f"event_names must be a tuple of texts, got {names!r}")
+    if names and demos.events is None:
+        raise DemonstrationError(f"events is missing, but event_names lists {names}")
+
+
+def reached_for_good(reached: np.ndarray) -> np.ndarray:
+    """First frame from which each event in `reached` (B, T, E) bool holds to the end, -1 if none: (B, E) int32."""
+    not_yet = ~reached[:, ::-1]
+    trailing = np.where(not_yet.any(1), np.argmax(not_yet, axis=1), reached.shape[1])
+    return np.where(trailing > 0, reached.shape[1] - trailing, -1).astype(np.int32)

@@ -1,0 +1,254 @@
+"""The graph of one frame: objects as nodes, their image-plane boxes as features, and who has moved so far.
+
+Symbols used in every docstring of this package:
+
+    B batch (demonstrations, environments)      E edges or events      D size of the graph embedding
+    T time (frames)                             H hidden features      C object classes
+    N node slots (one per object of the task; a slot may be masked)
+
+Boxes are (cx, cy, w, h) in image coordinates scaled to [0, 1], origin at the top left. All floats are float32.
+Functions take one graph or one sequence; map over batches with `jax.vmap`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+
+@dataclass(frozen=True)
+class ObjectTable:
+    """Which object sits in which node slot. Hashable, so it can be a static argument of a jitted function.
+
+    | field       | shape | type  | meaning                                     |
+    |-------------|-------|-------|---------------------------------------------|
+    | names       | (N,)  | str   | one unique name per slot                    |
+    | class_ids   | (N,)  | int   | index into class_names                      |
+    | is_robot    | (N,)  | bool  | the slot is the robot, or a part of it      |
+    | class_names | (C,)  | str   | unique; a class may have no object          |
+
+    Raises:
+      ValueError: a field has the wrong length, a wrong type or a value out of range; the message names it.
+    """
+
+    names: tuple[str, ...]
+    class_ids: tuple[int, ...]
+    is_robot: tuple[bool, ...]
+    class_names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        # Lists and numpy scalars are welcome; tuples of plain values keep the table hashable.
+        object.__setattr__(self, "names", _plain("names", self.names, str))
+        object.__setattr__(self, "class_ids", _plain("class_ids", self.class_ids, int))
+        object.__setattr__(self, "is_robot", _plain("is_robot", self.is_robot, bool))
+        object.__setattr__(self, "class_names", _plain("class_names", self.class_names, str))
+        for field in ("names", "class_names"):
+            values = getattr(self, field)
+            if not values or len(set(values)) != len(values):
+                raise ValueError(f"ObjectTable.{field} must hold at least one name and no name twice, got {values}")
+        for field in ("class_ids", "is_robot"):
+            values = getattr(self, field)
+            if len(values) != self.num_slots:
+                raise ValueError(
+                    f"ObjectTable.{field} has {len(values)} entries, but names has {self.num_slots}: {self.names}"
+                )
+        for class_id in self.class_ids:
+            if not 0 <= class_id < self.num_classes:
+                raise ValueError(f"ObjectTable.class_ids holds {class_id}; allowed are 0 to {self.num_classes - 1}")
+
+    @property
+    def num_slots(self) -> int:
+        """N, the number of node slots."""
+        return len(self.names)
+
+    @property
+    def num_classes(self) -> int:
+        """C, the number of object classes."""
+        return len(self.class_names)
+
+    def class_one_hot(self) -> jax.Array:
+        """Class of each slot, one-hot: (N, C) float32."""
+        return jnp.asarray(np.eye(self.num_classes, dtype=np.float32)[list(self.class_ids)])
+
+    def robot_flags(self) -> jax.Array:
+        """Whether each slot is the robot: (N,) bool."""
+        return jnp.asarray(self.is_robot, dtype=bool)
+
+
+def _plain(field: str, values: Sequence, kind: type) -> tuple:
+    """The values as a tuple of plain `kind`s; numpy scalars are unwrapped."""
+    if isinstance(values, str):
+        raise ValueError(f"ObjectTable.{field} must be a sequence of {kind.__name__}, got the string {values!r}")
+    plain = tuple(value.item() if isinstance(value, np.generic) else value for value in values)
+    for value in plain:
+        if type(value) is not kind:
+            raise ValueError(f"ObjectTable.{field} must hold {kind.__name__} values only, got {value!r}")
+    return plain
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Graph:
+    """The objects of one frame. Fully connected, without self-loops; edge features follow from the boxes.
+
+    | field   | shape  | dtype   | meaning                                                        |
+    |---------|--------|---------|----------------------------------------------------------------|
+    | boxes   | (N, 4) | float32 | cx, cy, w, h in [0, 1], origin top left                        |
+    | mask    | (N,)   | bool    | the object is there; a masked slot (False) takes part in nothing |
+    | classes | (N, C) | float32 | one-hot class                                                  |
+    | robot   | (N,)   | bool    | the node is the robot                                          |
+    | active  | (N,)   | bool    | the object has moved in this episode                           |
+
+    A sequence or a batch of graphs has leading axes (T, ...) or (B, ...) on every field.
+    """
+
+    boxes: jax.Array
+    mask: jax.Array
+    classes: jax.Array
+    robot: jax.Array
+    active: jax.Array
+
+
+def build_graph(objects: ObjectTable, boxes: jax.Array, mask: jax.Array, active: jax.Array) -> Graph:
+    """The graph of one frame.
+
+    Args:
+      objects: which object sits in which slot.
+      boxes: (N, 4) float32; any value in a masked slot.
+      mask: (N,) bool, False where the object is absent.
+      active: (N,) bool, see `activity`.
+    """
+    slots = objects.num_slots
+    if boxes.shape != (slots, 4) or mask.shape != (slots,) or active.shape != (slots,):
+        raise ValueError(
+            f"build_graph takes boxes ({slots}, 4), mask ({slots},) and active ({slots},) for this object table, "
+            f"got {boxes.shape}, {mask.shape} and {active.shape}; map over batches with jax.vmap"
+        )
+    return Graph(boxes, mask, objects.class_one_hot(), objects.robot_flags(), active)
+
+
+def clear_masked_slots(graph: Graph) -> Graph:
+    """The same graph with zeros in every masked slot, so that not even a NaN there can reach a result."""
+    mask = graph.mask
+    return Graph(
+        boxes=jnp.where(mask[:, None], graph.boxes, 0.0),
+        mask=mask,
+        classes=jnp.where(mask[:, None], graph.classes, 0.0),
+        robot=graph.robot & mask,
+        active=graph.active & mask,
+    )
+
+
+def edge_features(boxes: jax.Array) -> jax.Array:
+    """Offset of the sender's centre from the receiver's, and their distance.
+
+    Args:
+      boxes: (N, 4) float32.
+
+    Returns:
+      (N, N, 3) float32; [i, j] = (dx, dy, distance) from node i (receiver) to node j (sender).
+    """
+    centres = boxes[:, :2]
+    offsets = centres[None, :, :] - centres[:, None, :]
+    return jnp.concatenate([offsets, safe_norm(offsets)[..., None]], axis=-1)
+
+
+def update_activity(
+    active: jax.Array,
+    previous_boxes: jax.Array,
+    previous_mask: jax.Array,
+    boxes: jax.Array,
+    mask: jax.Array,
+    tau: ArrayLike,
+) -> jax.Array:
+    """Activity after one more frame: an object is active once its centre has moved by more than `tau` box diagonals.
+
+    active_i(t) = active_i(t-1) or ||c_i(t) - c_i(t-1)|| > tau * diagonal_i(t). An object that is absent now or was
+    absent one frame ago cannot switch on.
+
+    Args:
+      active: (N,) bool, flags at t-1; all False at an episode's first frame.
+      previous_boxes, boxes: (N, 4) float32 at t-1 and t, at the full frame rate.
+      previous_mask, mask: (N,) bool at t-1 and t.
+      tau: threshold per frame, as a share of the box's diagonal.
+
+    Returns:
+      (N,) bool.
+    """
+    displacement = safe_norm(boxes[:, :2] - previous_boxes[:, :2])
+    # A product instead of a quotient: a box without extent is not a division by zero.
+    moved = displacement > tau * safe_norm(boxes[:, 2:])
+    return active | (moved & mask & previous_mask)
+
+
+def activity(boxes: jax.Array, mask: jax.Array, tau: ArrayLike) -> jax.Array:
+    """Activity flags of a whole sequence; the first frame's are all False.
+
+    Args:
+      boxes: (T, N, 4) float32 at the full frame rate.
+      mask: (T, N) bool.
+      tau: see `update_activity`.
+
+    Returns:
+      (T, N) bool.
+    """
+
+    def advance(carry: tuple, frame: tuple) -> tuple:
+        active, previous_boxes, previous_mask = carry
+        active = update_activity(active, previous_boxes, previous_mask, *frame, tau)
+        return (active, *frame), active
+
+    start = (jnp.zeros(mask.shape[1:], bool), boxes[0], mask[0])
+    return jax.lax.scan(advance, start, (boxes, mask))[1]
+
+
+def sequence_graphs(
+    objects: ObjectTable, boxes: jax.Array, mask: jax.Array, length: ArrayLike, tau: ArrayLike
+) -> Graph:
+    """All graphs of one padded demonstration, activity included. Frames from `length` on are wholly masked.
+
+    Args:
+      objects: which object sits in which slot.
+      boxes: (T, N, 4) float32 at the full frame rate.
+      mask: (T, N) bool.
+      length: number of real frames, 1 to T.
+      tau: see `update_activity`.
+
+    Returns:
+      A graph whose fields have a leading time axis.
+    """
+    real = jnp.arange(mask.shape[0]) < length
+    mask = mask & real[:, None]
+    return jax.vmap(build_graph, in_axes=(None, 0, 0, 0))(objects, boxes, mask, activity(boxes, mask, tau))
+
+
+def pad_graph(graph: Graph, num_slots: int) -> Graph:
+    """The graph with masked slots appended, up to `num_slots`. Every output of the encoder stays the same.
+
+    Raises:
+      ValueError: the graph has more than `num_slots` slots.
+    """
+    missing = num_slots - graph.mask.shape[0]
+    if missing < 0:
+        raise ValueError(f"cannot pad a graph of {graph.mask.shape[0]} slots to {num_slots}")
+    return jax.tree.map(lambda field: jnp.pad(field, [(0, missing)] + [(0, 0)] * (field.ndim - 1)), graph)
+
+
+def unpad_graph(graph: Graph, num_slots: int) -> Graph:
+    """The first `num_slots` slots: the inverse of `pad_graph`.
+
+    Raises:
+      ValueError: the graph has fewer than `num_slots` slots.
+    """
+    if num_slots > graph.mask.shape[0]:
+        raise ValueError(f"cannot unpad a graph of {graph.mask.shape[0]} slots to {num_slots}")
+    return jax.tree.map(lambda field: field[:num_slots], graph)
+
+
+def safe_norm(vectors: jax.Array) -> jax.Array:
+    """Euclidean norm over the last axis whose gradient at zero is zero, not NaN."""
+    square = jnp.sum(vectors**2, axis=-1)
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)

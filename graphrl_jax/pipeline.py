@@ -1,0 +1,213 @@
+"""The stages of a run, each a function of what came before: demonstrations -> encoder -> reward -> policy -> numbers.
+
+Here live the side effects between the pure programs: files, progress, checkpoints. `train.py` strings them together.
+"""
+
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from graphrl_jax import demonstrations as demonstration_files
+from graphrl_jax import plots, ppo, pretrain
+from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.encoder import init as init_encoder
+from graphrl_jax.evaluation import evaluate
+from graphrl_jax.evaluators import cycle_consistency, kendall_tau, value_order_correlation
+from graphrl_jax.landscape import audit, trajectory_scores
+from graphrl_jax.ppo_config import PPOConfig, PPOHyper
+from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
+from graphrl_jax.progress import Progress
+from graphrl_jax.reward import RewardModel, demonstration_rewards, embed_demonstrations, fit_reward
+from graphrl_jax.runs import Run, load_tree, save_tree
+from graphrl_jax.settings import Settings
+from graphrl_jax.task import Task
+from graphrl_jax.wrappers import EnvironmentReward, GraphReward
+
+# One key per use, folded into the run's seed, so that a stage's randomness does not depend on which stages ran.
+_DEMONSTRATIONS, _PRETRAIN, _LANDSCAPE, _POLICY, _EVALUATION = range(5)
+
+
+def stage_key(seed: int, stage: int) -> jax.Array:
+    """The typed key of a stage."""
+    return jax.random.fold_in(jax.random.key(seed), stage)
+
+
+def make_demonstrations(task: Task, settings: Settings) -> Demonstrations:
+    """The demonstrations of a run: a file's if one is given, else the expert's, with failures for the audit.
+
+    Raises:
+      DemonstrationError: the file is no demonstration file, or one of another task.
+    """
+    if settings.demos is None:
+        count = settings.sizes.demonstrations
+        return task.demonstrate(stage_key(settings.seed, _DEMONSTRATIONS), count, count // 4)
+    loaded = demonstration_files.load(settings.demos)
+    if loaded.objects != task.objects:
+        raise demonstration_files.DemonstrationError(
+            f"{settings.demos}: objects are {loaded.objects.names}, but task {task.name} has {task.objects.names}"
+        )
+    return loaded
+
+
+def train_encoder(
+    run: Run,
+    demonstrations: Demonstrations,
+    config: PretrainConfig,
+    hyper: PretrainHyper,
+    seed: int,
+    progress: Progress,
+) -> tuple[RewardModel, dict[str, Any]]:
+    """Pretrains an encoder on three quarters of the successes and fits the reward; writes `encoder.npz`.
+
+    Returns:
+      the reward model, and numbers on the held-out quarter: kendall_tau, cycle_consistency, value_order_correlation.
+    """
+    fitted, held_out = demonstrations.successes().split(0.75, seed)
+    data = pretrain.prepare(fitted)
+    state = pretrain.init(config, data.objects.num_classes, stage_key(seed, _PRETRAIN))
+    started, chunk = time.perf_counter(), max(1, config.steps // 10)
+    progress.begin("pretraining", config.steps)
+    for done in range(0, config.steps, chunk):
+        steps = min(chunk, config.steps - done)
+        state, history = pretrain.run(config, hyper, data, state, steps)
+        means = {name: float(jnp.mean(values)) for name, values in history.items()}
+        run.log({"stage": "pretrain", "step": done + steps, **means})
+        progress.advance(steps, loss=means["loss"], tcc=means["tcc"])
+    model = fit_reward(state.params["encoder"], fitted, hyper.alpha, hyper.suppress_robot, hyper.tau)
+    save_tree(run.path / "encoder.npz", model)
+    numbers = encoder_numbers(model, held_out)
+    return model, {**numbers, "pretrain_s": time.perf_counter() - started}
+
+
+def encoder_numbers(model: RewardModel, held_out: Demonstrations) -> dict[str, float]:
+    """Kendall's tau, three-way cycle consistency (0 with fewer than three) and value-order correlation."""
+    embeddings = embed_demonstrations(model.params, held_out, model.alpha, model.suppress_robot, model.tau)
+    rewards = demonstration_rewards(model, held_out)
+    lengths = held_out.lengths
+    return {
+        "kendall_tau": kendall_tau(embeddings, lengths) if len(held_out) >= 2 else 0.0,
+        "cycle_consistency": cycle_consistency(embeddings, lengths) if len(held_out) >= 3 else 0.0,
+        "value_order_correlation": float(np.mean(value_order_correlation(rewards, lengths))),
+    }
+
+
+def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demonstrations, seed: int) -> dict[str, Any]:
+    """Audits the reward away from the demonstrations and draws it; returns the audit's numbers."""
+    report = audit(model, task.landscape(stage_key(seed, _LANDSCAPE)))
+    plots.landscape(report, run.figures / "landscape.png")
+    held_out = demonstrations.successes().split(0.75, seed)[1]
+    plots.reward_over_time(
+        np.asarray(demonstration_rewards(model, held_out)),
+        held_out.lengths,
+        held_out.events,
+        held_out.event_names,
+        held_out.frame_rate,
+        run.figures / "reward_on_demonstrations.png",
+        "Learned reward on held-out demonstrations",
+    )
+    return {**report.numbers(), "trajectory_scores": trajectory_scores(model, demonstrations)}
+
+
+def load_reward(run: Run, settings: Settings, task: Task) -> RewardModel:
+    """The frozen reward saved in a run's directory.
+
+    Raises:
+      RunError: there is none, or it does not fit the settings' encoder.
+    """
+    config = settings.sizes.pretrain.encoder
+
+    def template() -> RewardModel:
+        zero = jnp.zeros((), jnp.float32)
+        params = init_encoder(jax.random.key(0), config, task.objects.num_classes)
+        return RewardModel(params, jnp.zeros(config.embedding, jnp.float32), zero, zero, zero, zero)
+
+    return load_tree(run.path / "encoder.npz", jax.eval_shape(template))
+
+
+def environment_of(task: Task, reward: str) -> Callable[[Any], Any]:
+    """The function from reward parameters to an environment; parameters are a `RewardModel`, or tau for `env`."""
+    wrapper = EnvironmentReward if reward == "env" else GraphReward
+    return lambda reward_params: wrapper(task, reward_params)
+
+
+def train_policy(
+    run: Run, task: Task, settings: Settings, reward_params: Any, progress: Progress
+) -> tuple[Any, dict[str, Any]]:
+    """PPO in compiled chunks, with a log line and a checkpoint after each; continues from a checkpoint if there is one.
+
+    Returns:
+      the policy's parameters, and env_steps, train_steps_per_s and the seconds spent.
+    """
+    sizes = settings.sizes
+    config, hyper = ppo_settings(task, settings)
+    make_env = environment_of(task.training(), settings.reward)
+    key = stage_key(settings.seed, _POLICY)
+    checkpoint = run.path / "train_state.npz"
+    state = ppo.init_jit(config, make_env, reward_params, key)
+    if checkpoint.exists():
+        state = load_tree(checkpoint, state)
+    done = int(state.updates)
+    run.forget_after("ppo", "update", done)
+    progress.begin("training the policy", sizes.updates, done)
+    seconds, timed = 0.0, 0
+    while done < sizes.updates:
+        count = min(sizes.updates_per_chunk, sizes.updates - done)
+        started = time.perf_counter()
+        state, metrics = ppo.train_chunk(config, make_env, hyper, reward_params, state, num_updates=count)
+        record = {name: float(value) for name, value in ppo.average_metrics(metrics).items()}
+        elapsed = time.perf_counter() - started
+        done += count
+        if done > count or count == sizes.updates:  # the first chunk compiles
+            seconds, timed = seconds + elapsed, timed + count
+        steps_per_s = count * config.steps_per_update / elapsed
+        run.log({"stage": "ppo", "update": done, "env_steps": done * config.steps_per_update,
+                 "steps_per_s": steps_per_s, **record})  # fmt: skip
+        save_tree(checkpoint, state)
+        save_tree(run.path / "policy.npz", ppo.policy_params(state))
+        shown = {name: record[name] for name in ("success", "score", "reward") if name in record}
+        progress.advance(count, **{"steps/s": steps_per_s}, **shown)
+    plots.learning_curve(run.records("ppo"), run.figures / "learning_curve.png")
+    rate = timed * config.steps_per_update / seconds if seconds else None
+    return ppo.policy_params(state), {"env_steps": done * config.steps_per_update, "train_steps_per_s": rate}
+
+
+def ppo_settings(task: Task, settings: Settings) -> tuple[PPOConfig, PPOHyper]:
+    """PPO's static sizes and traced floats for a run."""
+    config = replace(settings.sizes.ppo, episode_length=task.episode_length)
+    return config, replace(settings.ppo, decay_updates=float(settings.sizes.updates))
+
+
+def load_policy(run: Run, task: Task, settings: Settings, reward_params: Any) -> Any:
+    """The policy saved in a run's directory.
+
+    Raises:
+      RunError: there is none, or it does not fit the settings' networks.
+    """
+    config, _ = ppo_settings(task, settings)
+    make_env = environment_of(task, settings.reward)
+
+    def template() -> Any:
+        return ppo.policy_params(ppo.init(config, make_env, reward_params, jax.random.key(0)))
+
+    return load_tree(run.path / "policy.npz", jax.eval_shape(template))
+
+
+def evaluate_policy(
+    task: Task, settings: Settings, reward_params: Any, policy: Any, episodes: int, seed: int
+) -> dict[str, Any]:
+    """Success rate, mean score and mean return of the deterministic policy over unseen episodes."""
+    config, _ = ppo_settings(task, settings)
+    make_env = environment_of(task, settings.reward)
+    outcomes = evaluate(config, make_env, reward_params, policy, stage_key(seed, _EVALUATION), episodes)
+    return {
+        "success_rate": float(jnp.mean(outcomes["success"])),
+        "mean_score": float(jnp.mean(outcomes["score"])),
+        "episodes": episodes,
+        "mean_return": float(jnp.mean(outcomes["episode_return"])),
+        "seed": seed,
+    }

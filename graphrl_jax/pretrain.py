@@ -1,0 +1,264 @@
+"""Encoder pretraining: soft TCC plus reconstruction on demonstrations, as one jitted program.
+
+    state = init(config, num_classes, key)
+    state, history = run(config, hyper, data, state, num_steps)     # a chunk; as often as one likes
+    state, history = train(config, hyper, data, key)                # all of it; the same numbers
+
+`PretrainConfig` sets shapes and is static. `PretrainHyper` is traced: a sweep over it, or over seeds, is a `vmap` of
+`train`, and a new value compiles nothing.
+"""
+
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+
+from graphrl_jax import decoder, encoder, tcc
+from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.encoder import EncoderConfig
+from graphrl_jax.graph import Graph, ObjectTable, activity, build_graph
+from graphrl_jax.optimizer import AdamState, adam_init, adam_update, clip_by_global_norm, warmup_cosine
+
+Metrics = dict[str, jax.Array]
+
+
+@dataclass(frozen=True)
+class PretrainConfig:
+    """What sets the program's shape (all static).
+
+    | field       | meaning                                                               |
+    |-------------|-----------------------------------------------------------------------|
+    | steps       | optimiser steps of a whole training                                   |
+    | batch_size  | demonstrations per step, drawn without replacement; all if there are fewer |
+    | num_frames  | frames per demonstration, drawn without replacement, in order of time |
+    | encoder     | sizes of the encoder                                                  |
+    | decode_from | what the decoder sees, `node` or `pooled`                             |
+    | tcc_variant | see `tcc.cycle_loss`                                                  |
+
+    Raises:
+      ValueError: a value that is not allowed; the message names the field.
+    """
+
+    steps: int = 1000
+    batch_size: int = 16
+    num_frames: int = 40
+    encoder: EncoderConfig = EncoderConfig()
+    decode_from: decoder.Source = "node"
+    tcc_variant: tcc.Variant = "regression_mse"
+
+    def __post_init__(self) -> None:
+        for name, least in (("steps", 1), ("batch_size", 2), ("num_frames", 2)):
+            if getattr(self, name) < least:
+                raise ValueError(f"PretrainConfig.{name} must be at least {least}, got {getattr(self, name)}")
+        for name, known in (("decode_from", decoder.SOURCES), ("tcc_variant", tcc.VARIANTS)):
+            if getattr(self, name) not in known:
+                raise ValueError(f"PretrainConfig.{name} must be one of {known}, got {getattr(self, name)!r}")
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class PretrainHyper:
+    """Numbers that may change without compiling: floats or () float32 arrays, all traced.
+
+    | field                 | meaning                                                        |
+    |-----------------------|----------------------------------------------------------------|
+    | learning_rate         | peak of the schedule                                           |
+    | final_learning_rate   | its end, half a cosine later                                   |
+    | warmup                | share of the steps that warm up linearly, 0 to 1               |
+    | weight_decay          | decoupled                                                      |
+    | max_grad_norm         | global-norm clip                                               |
+    | alpha                 | weight of active nodes in the pooling (Eq. 1)                  |
+    | suppress_robot        | 1: robot's node left out of the pooling, 0: kept               |
+    | tau                   | activity threshold per frame, in box diagonals                 |
+    | temperature           | of the TCC                                                     |
+    | tcc_weight            | weight of the TCC in the loss                                  |
+    | reconstruction_weight | weight of box error plus class cross-entropy in the loss       |
+    """
+
+    learning_rate: ArrayLike = 1e-3
+    final_learning_rate: ArrayLike = 0.0
+    warmup: ArrayLike = 0.05
+    weight_decay: ArrayLike = 1e-5
+    max_grad_norm: ArrayLike = 1.0
+    alpha: ArrayLike = 2.0
+    suppress_robot: ArrayLike = 1.0
+    tau: ArrayLike = 0.02
+    temperature: ArrayLike = 1.0
+    tcc_weight: ArrayLike = 1.0
+    reconstruction_weight: ArrayLike = 1.0
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class PretrainData:
+    """Demonstrations on the device; fields as in `Demonstrations`. `objects` is static."""
+
+    boxes: jax.Array
+    mask: jax.Array
+    lengths: jax.Array
+    objects: ObjectTable = field(metadata={"static": True})
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class PretrainState:
+    """All that a resumed training needs.
+
+    | field     | shape | dtype   | meaning                                        |
+    |-----------|-------|---------|------------------------------------------------|
+    | params    |       | float32 | {"encoder": ..., "decoder": ...}               |
+    | optimizer |       |         | `AdamState`; its step counts the training's    |
+    | key       | ()    | key     | source of all later randomness                 |
+    """
+
+    params: dict[str, Any]
+    optimizer: AdamState
+    key: jax.Array
+
+
+def prepare(demonstrations: Demonstrations) -> PretrainData:
+    """Demonstrations as arrays on the device.
+
+    Raises:
+      ValueError: fewer than two demonstrations; the TCC needs pairs.
+    """
+    if len(demonstrations) < 2:
+        raise ValueError(f"pretraining needs at least 2 demonstrations, got {len(demonstrations)}")
+    boxes, mask, lengths = map(jnp.asarray, (demonstrations.boxes, demonstrations.mask, demonstrations.lengths))
+    return PretrainData(boxes, mask, lengths, demonstrations.objects)
+
+
+def init(config: PretrainConfig, num_classes: int, key: jax.Array) -> PretrainState:
+    """The state before the first step, for graphs with `num_classes` classes."""
+    encoder_key, decoder_key, run_key = jax.random.split(key, 3)
+    params = {
+        "encoder": encoder.init(encoder_key, config.encoder, num_classes),
+        "decoder": decoder.init(decoder_key, config.encoder.hidden, num_classes, config.decode_from),
+    }
+    return PretrainState(params, adam_init(params), run_key)
+
+
+def sample_frames(key: jax.Array, length: ArrayLike, num_total: int, num_frames: int) -> tuple[jax.Array, jax.Array]:
+    """Frames of one demonstration, uniformly without replacement, in order of time.
+
+    A demonstration shorter than `num_frames` gives each of its frames once; the rest of the result is filled up.
+
+    Args:
+      key: randomness.
+      length: number of real frames, 1 to num_total.
+      num_total: T, the padded number of frames (static).
+      num_frames: how many to draw (static).
+
+    Returns:
+      Indices (num_frames,) int32, all below `length`, and a mask (num_frames,) bool that is False where filled up.
+    """
+    real = jnp.arange(num_total) < length
+    # The frames with the smallest of T random numbers are a uniform draw; padding sorts behind all of them.
+    draw = jnp.argsort(jnp.where(real, jax.random.uniform(key, (num_total,)), 2.0))[:num_frames]
+    in_order = jnp.sort(jnp.where(draw < length, draw, num_total))
+    in_order = jnp.pad(in_order, (0, max(num_frames - num_total, 0)), constant_values=num_total)
+    mask = in_order < length
+    return jnp.where(mask, in_order, length - 1).astype(jnp.int32), mask
+
+
+def _sample_batch(
+    config: PretrainConfig, data: PretrainData, active: jax.Array, key: jax.Array
+) -> tuple[Graph, jax.Array, jax.Array]:
+    """Graphs (b, F, ...), frame mask (b, F) and times (b, F) of b demonstrations with F frames each."""
+    demonstration_key, frame_key = jax.random.split(key)
+    num_demonstrations, num_total = data.mask.shape[:2]
+    size = min(config.batch_size, num_demonstrations)
+    chosen = jax.random.permutation(demonstration_key, num_demonstrations)[:size]
+
+    def sample(demonstration: jax.Array, key: jax.Array) -> tuple[Graph, jax.Array, jax.Array]:
+        length = data.lengths[demonstration]
+        frames, mask = sample_frames(key, length, num_total, config.num_frames)
+        columns = (values[demonstration, frames] for values in (data.boxes, data.mask, active))
+        graphs = jax.vmap(partial(build_graph, data.objects))(*columns)
+        return graphs, mask, frames.astype(jnp.float32) / length.astype(jnp.float32)
+
+    return jax.vmap(sample)(chosen, jax.random.split(frame_key, size))
+
+
+def _loss(
+    params: dict[str, Any],
+    config: PretrainConfig,
+    hyper: PretrainHyper,
+    graphs: Graph,
+    frame_mask: jax.Array,
+    times: jax.Array,
+) -> tuple[jax.Array, Metrics]:
+    """Weighted sum of TCC and reconstruction over a batch (b, F), and its parts."""
+
+    def embed_and_decode(graph: Graph) -> tuple[jax.Array, jax.Array, jax.Array]:
+        nodes = encoder.encode_nodes(params["encoder"], graph)
+        pooled = encoder.pool(nodes, graph, hyper.alpha, hyper.suppress_robot)
+        boxes, logits = decoder.apply(params["decoder"], nodes, pooled, graph, config.decode_from)
+        embedding = encoder.head(params["encoder"], pooled)
+        return embedding, decoder.box_loss(boxes, graph), decoder.class_loss(logits, graph)
+
+    embeddings, box_losses, class_losses = jax.vmap(jax.vmap(embed_and_decode))(graphs)
+    weights = frame_mask.astype(jnp.float32) / jnp.sum(frame_mask)
+    parts = {
+        "tcc": tcc.tcc_loss(embeddings, frame_mask, times, hyper.temperature, config.tcc_variant),
+        "box": jnp.sum(weights * box_losses),
+        "class": jnp.sum(weights * class_losses),
+    }
+    loss = hyper.tcc_weight * parts["tcc"] + hyper.reconstruction_weight * (parts["box"] + parts["class"])
+    return loss, {"loss": loss, **parts}
+
+
+def step(
+    config: PretrainConfig, hyper: PretrainHyper, data: PretrainData, active: jax.Array, state: PretrainState
+) -> tuple[PretrainState, Metrics]:
+    """One optimiser step.
+
+    Args:
+      config, hyper, data: see their classes.
+      active: (B, T, N) bool, activity at the full frame rate, as `run` computes it.
+      state: the state before.
+
+    Returns:
+      The state after, and scalars: loss, tcc, box, class, grad_norm, learning_rate.
+    """
+    batch_key, next_key = jax.random.split(state.key)
+    batch = _sample_batch(config, data, active, batch_key)
+    grads, metrics = jax.grad(_loss, has_aux=True)(state.params, config, hyper, *batch)
+    grads, grad_norm = clip_by_global_norm(grads, hyper.max_grad_norm)
+    learning_rate = warmup_cosine(
+        state.optimizer.step, config.steps, hyper.learning_rate, hyper.warmup * config.steps, hyper.final_learning_rate
+    )
+    params, optimizer = adam_update(
+        grads, state.optimizer, state.params, learning_rate, weight_decay=hyper.weight_decay
+    )
+    metrics = {**metrics, "grad_norm": grad_norm, "learning_rate": learning_rate}
+    return PretrainState(params, optimizer, next_key), metrics
+
+
+@partial(jax.jit, static_argnames=("config", "num_steps"))
+def run(
+    config: PretrainConfig, hyper: PretrainHyper, data: PretrainData, state: PretrainState, num_steps: int
+) -> tuple[PretrainState, Metrics]:
+    """`num_steps` steps in one program; chunks of any sizes give the same numbers as one run over all.
+
+    Returns:
+      The state after, and the metrics of `step`, each (num_steps,) float32.
+    """
+    # At the full frame rate, before any frame is drawn: between drawn frames everything moves far.
+    active = jax.vmap(activity, in_axes=(0, 0, None))(data.boxes, data.mask, hyper.tau)
+    return jax.lax.scan(lambda carry, _: step(config, hyper, data, active, carry), state, length=num_steps)
+
+
+@partial(jax.jit, static_argnames="config")
+def train(
+    config: PretrainConfig, hyper: PretrainHyper, data: PretrainData, key: jax.Array
+) -> tuple[PretrainState, Metrics]:
+    """A whole training from `key`: `init`, then `config.steps` steps. Map over hyper and key with `jax.vmap`.
+
+    Returns:
+      The last state (`state.params["encoder"]` is the encoder) and the metrics of `step`, each (steps,) float32.
+    """
+    return run(config, hyper, data, init(config, data.objects.num_classes, key), config.steps)

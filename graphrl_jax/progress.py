@@ -1,0 +1,53 @@
+"""Live progress in a terminal, through rich; plain lines where there is no terminal."""
+
+import sys
+import time
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, TaskID, TextColumn, TimeRemainingColumn
+from rich.progress import Progress as RichProgress
+
+
+class Progress:
+    """A bar per stage with its latest numbers and the time left. A context manager."""
+
+    def __init__(self) -> None:
+        self._console = Console(stderr=True)
+        columns = (
+            TextColumn("{task.description:<22}"), BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn(),
+            TextColumn("{task.fields[numbers]}"),
+        )  # fmt: skip
+        self._rich = RichProgress(*columns, console=self._console, disable=not sys.stderr.isatty())
+        self._task: TaskID | None = None
+        self._stage, self._started = "", time.perf_counter()
+
+    def __enter__(self) -> "Progress":
+        self._rich.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._rich.__exit__(kind, value, trace)
+
+    def begin(self, stage: str, total: int, done: int = 0) -> None:
+        """Starts a stage of `total` steps, `done` of which were made earlier."""
+        self._stage, self._started = stage, time.perf_counter()
+        self._task = self._rich.add_task(stage, total=total, completed=done, numbers="")
+        self.note(stage)
+
+    def advance(self, steps: int, **numbers: float) -> None:
+        """Moves the stage on and shows its latest numbers."""
+        text = "  ".join(
+            f"{name} {value:,.3g}" if value < 1e4 else f"{name} {value:,.0f}" for name, value in numbers.items()
+        )
+        if self._task is not None:
+            self._rich.update(self._task, advance=steps, numbers=text)
+        if self._rich.disable:
+            self.note(f"{self._stage}: {text}")
+
+    def note(self, text: str) -> None:
+        """A line that stays."""
+        seconds = time.perf_counter() - self._started
+        self._console.print(f"[{seconds:6.1f} s] {text}", highlight=False, markup=False)

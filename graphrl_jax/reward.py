@@ -1,0 +1,124 @@
+"""The learned reward (Eq. 3): minus the scaled distance of a graph's embedding to the goal's, as one frozen value."""
+
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.typing import ArrayLike
+
+from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.encoder import EncoderParams, encode, encode_sequence
+from graphrl_jax.graph import Graph, ObjectTable, safe_norm
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class RewardModel:
+    """A frozen encoder, its goal and its scale. A pytree: pass it as an argument, and a new encoder compiles nothing.
+
+    | field          | shape | dtype   | meaning                                                  |
+    |----------------|-------|---------|----------------------------------------------------------|
+    | params         |       | float32 | encoder parameters                                       |
+    | goal           | (D,)  | float32 | g, the goal embedding                                    |
+    | kappa          | ()    | float32 | scale; 1 gives the bare Eq. 3                            |
+    | alpha          | ()    | float32 | weight of active nodes (Eq. 1)                           |
+    | suppress_robot | ()    | float32 | 1: robot's node left out of the pooling, 0: kept         |
+    | tau            | ()    | float32 | activity threshold per frame, in box diagonals           |
+    """
+
+    params: EncoderParams
+    goal: jax.Array
+    kappa: jax.Array
+    alpha: jax.Array
+    suppress_robot: jax.Array
+    tau: jax.Array
+
+    def embed(self, graph: Graph) -> jax.Array:
+        """phi(G) of one graph: (D,)."""
+        return encode(self.params, graph, self.alpha, self.suppress_robot)
+
+    def distance(self, graph: Graph) -> jax.Array:
+        """||phi(G) - g||_2 of one graph, a scalar, without kappa."""
+        return safe_norm(self.embed(graph) - self.goal)
+
+    def apply(self, graph: Graph) -> jax.Array:
+        """Eq. 3 with XIRL's scale: the reward -kappa ||phi(G) - g||_2 of one graph, a scalar."""
+        return -self.kappa * self.distance(graph)
+
+
+def fit_reward(
+    params: EncoderParams,
+    demonstrations: Demonstrations,
+    alpha: ArrayLike,
+    suppress_robot: ArrayLike,
+    tau: ArrayLike,
+    goal_graph: Graph | None = None,
+) -> RewardModel:
+    """Goal and scale from successful demonstrations.
+
+    The goal g is the mean over demonstrations of phi(last frame), or phi(goal_graph) if one is given; kappa is
+    1 / mean over demonstrations of ||phi(first frame) - g||, so that demonstrations start near reward -1.
+
+    Args:
+      params: encoder parameters.
+      demonstrations: successful ones only.
+      alpha, suppress_robot: pooling, see `encoder.pooling_weights`.
+      tau: activity threshold, see `graph.update_activity`.
+      goal_graph: a single goal instead of the demonstrations' ends.
+
+    Raises:
+      ValueError: a demonstration is a failure, or the first frames coincide with the goal.
+    """
+    failures = int(np.sum(~demonstrations.success))
+    if failures:
+        raise ValueError(
+            f"the goal is fitted to successes only, but {failures} of {len(demonstrations)} demonstrations are "
+            "failures; pass demonstrations.successes()"
+        )
+    embeddings = embed_demonstrations(params, demonstrations, alpha, suppress_robot, tau)
+    if goal_graph is None:
+        goal = jnp.mean(embeddings[np.arange(len(demonstrations)), demonstrations.lengths - 1], axis=0)
+    else:
+        goal = encode(params, goal_graph, alpha, suppress_robot)
+    start_distance = jnp.mean(safe_norm(embeddings[:, 0] - goal))
+    if not start_distance > 0:
+        raise ValueError(
+            f"the first frames of the demonstrations must differ from the goal, got a mean distance of {start_distance}"
+        )
+    scalars = (jnp.asarray(value, jnp.float32) for value in (1 / start_distance, alpha, suppress_robot, tau))
+    return RewardModel(params, goal, *scalars)
+
+
+def embed_demonstrations(
+    params: EncoderParams,
+    demonstrations: Demonstrations,
+    alpha: ArrayLike,
+    suppress_robot: ArrayLike,
+    tau: ArrayLike,
+) -> jax.Array:
+    """phi of every frame: (B, T, D) float32; rows behind a demonstration's length are finite and mean nothing."""
+    demos = demonstrations
+    return _embed_batch(demos.objects, params, demos.boxes, demos.mask, demos.lengths, alpha, suppress_robot, tau)
+
+
+def demonstration_rewards(model: RewardModel, demonstrations: Demonstrations) -> jax.Array:
+    """Reward of every frame: (B, T) float32; what lies behind a demonstration's length means nothing."""
+    embeddings = embed_demonstrations(model.params, demonstrations, model.alpha, model.suppress_robot, model.tau)
+    return -model.kappa * safe_norm(embeddings - model.goal)
+
+
+@partial(jax.jit, static_argnames="objects")
+def _embed_batch(
+    objects: ObjectTable,
+    params: EncoderParams,
+    boxes: jax.Array,
+    mask: jax.Array,
+    lengths: jax.Array,
+    alpha: ArrayLike,
+    suppress_robot: ArrayLike,
+    tau: ArrayLike,
+) -> jax.Array:
+    batched = jax.vmap(encode_sequence, in_axes=(None, None, 0, 0, 0, None, None, None))
+    return batched(params, objects, boxes, mask, lengths, alpha, suppress_robot, tau)

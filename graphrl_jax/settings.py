@@ -1,0 +1,102 @@
+"""What a whole run can be told, and the presets that fit a device."""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+import jax
+
+from graphrl_jax.encoder import EncoderConfig
+from graphrl_jax.ppo_config import PPOConfig, PPOHyper
+from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
+
+RewardName = Literal["graph", "graph_with_robot", "env"]
+PresetName = Literal["smoke", "cpu", "gpu"]
+REWARDS: tuple[RewardName, ...] = ("graph", "graph_with_robot", "env")
+
+
+@dataclass(frozen=True)
+class Preset:
+    """Sizes of a run.
+
+    Attributes:
+      demonstrations: expert demonstrations made when no file is given; a quarter as many failures join the audit.
+      pretrain: static sizes of pretraining.
+      ppo: static sizes of PPO; the episode's length is the task's.
+      updates: PPO updates.
+      updates_per_chunk: updates per compiled call; checkpoints and log lines come once per chunk.
+      episodes: episodes of the final evaluation.
+    """
+
+    demonstrations: int
+    pretrain: PretrainConfig
+    ppo: PPOConfig
+    updates: int
+    updates_per_chunk: int
+    episodes: int
+
+
+PRESETS: dict[str, Preset] = {
+    "smoke": Preset(
+        demonstrations=8,
+        pretrain=PretrainConfig(steps=40, batch_size=4, num_frames=20, encoder=EncoderConfig()),
+        ppo=PPOConfig(num_envs=64, unroll_length=8, num_epochs=2, num_minibatches=2),
+        updates=4,
+        updates_per_chunk=2,
+        episodes=16,
+    ),
+    "cpu": Preset(
+        demonstrations=64,
+        pretrain=PretrainConfig(),
+        ppo=PPOConfig(num_envs=1024, unroll_length=32),
+        updates=60,
+        updates_per_chunk=2,
+        episodes=256,
+    ),
+    "gpu": Preset(
+        demonstrations=64,
+        pretrain=PretrainConfig(),
+        ppo=PPOConfig(num_envs=4096, unroll_length=32, num_minibatches=16),
+        updates=160,
+        updates_per_chunk=10,
+        episodes=256,
+    ),
+}
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Everything that decides a run's numbers.
+
+    Attributes:
+      task: registered name.
+      reward: `graph` (robot left out of the pooling), `graph_with_robot`, or the task's own, `env`.
+      preset: name of the sizes used.
+      seed: everything random follows from it.
+      demos: path of a demonstration file, or None to let the expert make them.
+      pretrain: floats of pretraining, alpha among them.
+      ppo: floats of PPO; the learning rate decays over all updates.
+    """
+
+    task: str = "match_regions"
+    reward: RewardName = "graph"
+    preset: str = "cpu"
+    seed: int = 0
+    demos: str | None = None
+    pretrain: PretrainHyper = field(default_factory=PretrainHyper)
+    ppo: PPOHyper = field(default_factory=PPOHyper)
+
+    def __post_init__(self) -> None:
+        if self.reward not in REWARDS:
+            raise ValueError(f"unknown reward {self.reward!r}; known rewards: {', '.join(REWARDS)}")
+        if self.preset not in PRESETS:
+            raise ValueError(f"unknown preset {self.preset!r}; known presets: {', '.join(PRESETS)}")
+
+    @property
+    def sizes(self) -> Preset:
+        """The preset's sizes."""
+        return PRESETS[self.preset]
+
+
+def default_preset() -> PresetName:
+    """The preset for the device at hand."""
+    return "cpu" if jax.default_backend() == "cpu" else "gpu"

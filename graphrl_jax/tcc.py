@@ -1,0 +1,139 @@
+"""Soft temporal cycle-consistency (TCC): frames of one sequence, matched softly to another and back, must come home.
+
+Dwibedi et al. 2019, in the deterministic form of XIRL's `losses.py` (Zakka et al. 2021): every ordered pair of
+sequences, squared Euclidean similarity divided by D and the temperature. XIRL leaves out the division by D for
+L2-normalised embeddings; for that, divide the temperature by D here.
+"""
+
+from typing import Literal, get_args
+
+import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
+
+Variant = Literal["regression_mse", "regression_mse_var", "regression_huber", "classification"]
+VARIANTS: tuple[str, ...] = get_args(Variant)
+
+HUBER_DELTA = 0.1
+LABEL_SMOOTHING = 0.1
+VARIANCE_WEIGHT = 0.001
+# XIRL takes the bare logarithm, which is -inf once a frame cycles back to itself with certainty.
+VARIANCE_EPSILON = 1e-6
+
+# A finite stand-in for minus infinity: a softmax over masked entries only stays finite, and so does its gradient.
+_MASKED_LOGIT = -1e30
+
+
+def squared_distances(a: jax.Array, b: jax.Array) -> jax.Array:
+    """||a_i - b_j||^2: (T, D), (S, D) -> (T, S) float32."""
+    # Full precision: accelerators round the factors of a matrix product, and the difference below magnifies that.
+    products = jnp.matmul(a, b.T, precision=jax.lax.Precision.HIGHEST)
+    squares = jnp.sum(a**2, axis=-1)[:, None] + jnp.sum(b**2, axis=-1)[None, :]
+    return jnp.maximum(squares - 2.0 * products, 0.0)
+
+
+def cycle_logits(u: jax.Array, v: jax.Array, u_mask: jax.Array, v_mask: jax.Array, temperature: ArrayLike) -> jax.Array:
+    """Logits of cycling back from frame i of u, by way of its soft nearest neighbour in v, to frame k of u.
+
+    s(a, b) = -||a - b||^2 / (D temperature); p_ij = softmax_j s(u_i, v_j); nn_i = sum_j p_ij v_j; the result is
+    s(nn_i, u_k).
+
+    Args:
+      u, v: (T, D) and (S, D) float32.
+      u_mask, v_mask: (T,) and (S,) bool, False for padding.
+      temperature: softmax temperature.
+
+    Returns:
+      (T, T) float32; padded frames k have a logit of about minus infinity.
+    """
+    scale = 1.0 / (u.shape[-1] * jnp.asarray(temperature, jnp.float32))
+    u = jnp.where(u_mask[:, None], u, 0.0)
+    v = jnp.where(v_mask[:, None], v, 0.0)
+    forth = jnp.where(v_mask[None, :], -scale * squared_distances(u, v), _MASKED_LOGIT)
+    neighbours = jnp.matmul(jax.nn.softmax(forth, axis=-1), v, precision=jax.lax.Precision.HIGHEST)
+    return jnp.where(u_mask[None, :], -scale * squared_distances(neighbours, u), _MASKED_LOGIT)
+
+
+def cycle_loss(
+    u: jax.Array,
+    v: jax.Array,
+    u_mask: jax.Array,
+    v_mask: jax.Array,
+    u_times: jax.Array,
+    temperature: ArrayLike,
+    variant: Variant = "regression_mse",
+) -> jax.Array:
+    """Mean loss over the real frames of u, cycled by way of v.
+
+    Args:
+      u, v, u_mask, v_mask, temperature: see `cycle_logits`.
+      u_times: (T,) float32, frame_index / video_length.
+      variant: `regression_mse` (mu_i - t_i)^2; `regression_mse_var` exp(-log var_i) (mu_i - t_i)^2 + 0.001 log var_i;
+        `regression_huber` with delta 0.1; `classification` cross-entropy on the logits, label smoothing 0.1.
+
+    Returns:
+      A float32 scalar; zero if u has no real frame.
+
+    Raises:
+      ValueError: an unknown variant.
+    """
+    logits = cycle_logits(u, v, u_mask, v_mask, temperature)
+    if variant == "classification":
+        losses = _classification(logits, u_mask)
+    elif variant in VARIANTS:
+        losses = _regression(logits, jnp.where(u_mask, u_times, 0.0), variant)
+    else:
+        raise ValueError(f"unknown TCC variant {variant!r}; the known ones are {', '.join(VARIANTS)}")
+    return jnp.sum(jnp.where(u_mask, losses, 0.0)) / jnp.maximum(jnp.sum(u_mask.astype(jnp.float32)), 1.0)
+
+
+def _regression(logits: jax.Array, times: jax.Array, variant: str) -> jax.Array:
+    """(T,) losses of the time mu_i = sum_k beta_ik t_k that each frame comes back to."""
+    beta = jax.nn.softmax(logits, axis=-1)
+    mean = beta @ times
+    error = mean - times
+    if variant == "regression_mse":
+        return error**2
+    if variant == "regression_huber":
+        size = jnp.abs(error)
+        return jnp.where(size <= HUBER_DELTA, 0.5 * error**2, HUBER_DELTA * size - 0.5 * HUBER_DELTA**2)
+    variance = jnp.sum(beta * (times[None, :] - mean[:, None]) ** 2, axis=-1)
+    log_variance = jnp.log(variance + VARIANCE_EPSILON)
+    return jnp.exp(-log_variance) * error**2 + VARIANCE_WEIGHT * log_variance
+
+
+def _classification(logits: jax.Array, mask: jax.Array) -> jax.Array:
+    """(T,) cross-entropies with XIRL's smoothing: (1 - s) on the true frame plus s / (K - 1) on all K real ones."""
+    log_beta = jax.nn.log_softmax(logits, axis=-1)
+    spread = LABEL_SMOOTHING / jnp.maximum(jnp.sum(mask.astype(jnp.float32)) - 1.0, 1.0)
+    everywhere = jnp.sum(jnp.where(mask[None, :], log_beta, 0.0), axis=-1)
+    return -(1.0 - LABEL_SMOOTHING) * jnp.diagonal(log_beta) - spread * everywhere
+
+
+def tcc_loss(
+    embeddings: jax.Array,
+    mask: jax.Array,
+    times: jax.Array,
+    temperature: ArrayLike,
+    variant: Variant = "regression_mse",
+) -> jax.Array:
+    """Mean of `cycle_loss` over all ordered pairs of different sequences that both have a real frame.
+
+    Args:
+      embeddings: (B, T, D) float32.
+      mask: (B, T) bool, False for padding.
+      times: (B, T) float32, frame_index / video_length.
+      temperature, variant: see `cycle_loss`.
+
+    Returns:
+      A float32 scalar; zero if there is no pair.
+    """
+
+    def loss(u: tuple, v: tuple) -> jax.Array:
+        return cycle_loss(u[0], v[0], u[1], v[1], u[2], temperature, variant)
+
+    sequences = (embeddings, mask, times)
+    losses = jax.vmap(jax.vmap(loss, in_axes=(None, 0)), in_axes=(0, None))(sequences, sequences)
+    present = jnp.any(mask, axis=-1)
+    pairs = present[:, None] & present[None, :] & ~jnp.eye(mask.shape[0], dtype=bool)
+    return jnp.sum(jnp.where(pairs, losses, 0.0)) / jnp.maximum(jnp.sum(pairs.astype(jnp.float32)), 1.0)

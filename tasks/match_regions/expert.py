@@ -1,0 +1,277 @@
+"""The scripted expert: grips blocks and drags them to where its plan says, in one batched program.
+
+A plan is a list of jobs (which block, where to); successes and every kind of deliberate failure differ in their jobs
+alone. A job runs through six phases: approach a point beside the block, face it, advance, grip, drag it backwards to
+its goal, release and back off. Plans vary in order, speed, pauses, approach, noise and final placements.
+"""
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from graphrl_jax.compilation import jit_physics
+from graphrl_jax.demonstrations import Demonstrations, reached_for_good
+from tasks.match_regions import env as environment
+from tasks.match_regions import geometry
+
+APPROACH, FACE, ADVANCE, GRIP, DRAG, RELEASE, BACK_OFF = range(7)
+STANDOFF = 0.58
+HELD_DISTANCE = 0.335
+AVOID_DISTANCE = 0.6
+MAX_JOBS = 2
+TAIL_FRAMES = 4
+BATCH, MAX_BATCHES = 64, 8
+FAILURES = ("one_target", "distractor_in", "target_out", "corner", "nothing")
+"""Kinds of deliberate failure: only one target placed; a distractor dragged in instead of the second target; a target
+placed and dragged out again; a target shoved past the region into a corner; nothing touched."""
+
+
+class Plan(NamedTuple):
+    """What one episode sets out to do, and in which style.
+
+    | field    | shape  | meaning                                                        |
+    |----------|--------|----------------------------------------------------------------|
+    | block    | (J,)   | int32, index of the block of each job                          |
+    | goal     | (J, 2) | where to drag it                                               |
+    | jobs     | ()     | int32, how many of the J jobs to do                            |
+    | speed    | ()     | share of full speed                                            |
+    | side     | (J,)   | radians by which the approach deviates from the straight drag  |
+    | pause    | ()     | int32, idle steps before each job                              |
+    | noise    | ()     | standard deviation of the noise on speed and turn              |
+    """
+
+    block: jax.Array
+    goal: jax.Array
+    jobs: jax.Array
+    speed: jax.Array
+    side: jax.Array
+    pause: jax.Array
+    noise: jax.Array
+
+
+class Progress(NamedTuple):
+    """Where in its plan an episode is: job and phase, steps spent in the phase; all () int32."""
+
+    job: jax.Array
+    phase: jax.Array
+    timer: jax.Array
+
+
+def draw_plan(key: jax.Array, kind: jax.Array) -> Plan:
+    """A random plan; `kind` () int32 is 0 for success, k for `FAILURES[k - 1]`."""
+    order_key, goal_key, speed_key, side_key, pause_key, noise_key = jax.random.split(key, 6)
+    first = jax.random.bernoulli(order_key).astype(jnp.int32)
+    second = 1 - first
+    nominal = jnp.array([[0.59, 0.13], [0.26, 0.58]])
+    goals = nominal + jax.random.uniform(goal_key, (2, 2), minval=-0.05, maxval=0.05)
+    distractor = 2 + jax.random.randint(goal_key, (), 0, 3)
+    outside = jnp.array([[0.75, -0.5], [-0.25, 0.55]])
+    corner = jnp.array([[0.85, 0.85], [0.8, 0.85]])
+    block = jnp.array(
+        [[first, second], [first, second], [first, distractor], [first, first], [first, second], [first, second]]
+    )[kind]
+    goal = jnp.stack(
+        [
+            goals[jnp.array([first, second])],
+            goals[jnp.array([first, second])],
+            goals[jnp.array([first, second])],
+            jnp.stack([goals[first], outside[first]]),
+            corner[jnp.array([first, second])],
+            goals,
+        ]
+    )[kind]
+    return Plan(
+        block=block,
+        goal=goal,
+        jobs=jnp.array([2, 1, 2, 2, 1, 0])[kind],
+        speed=jax.random.uniform(speed_key, minval=0.9, maxval=1.0),
+        side=jax.random.uniform(side_key, (MAX_JOBS,), minval=-0.1, maxval=0.1),
+        pause=jax.random.randint(pause_key, (), 0, 3),
+        noise=jax.random.uniform(noise_key, minval=0.0, maxval=0.08),
+    )
+
+
+def begin() -> Progress:
+    """Progress at the start of an episode."""
+    zero = jnp.zeros((), jnp.int32)
+    return Progress(zero, zero, zero)
+
+
+def act(plan: Plan, progress: Progress, qpos: jax.Array, key: jax.Array) -> tuple[Progress, jax.Array]:
+    """One decision of the expert at `qpos` (20,): the next progress and an action (3,)."""
+    job = jnp.minimum(progress.job, MAX_JOBS - 1)
+    block = environment.blocks(qpos)[plan.block[job], :2]
+    goal = plan.goal[job]
+    robot, ahead = qpos[:2], geometry.heading(qpos[2])
+    way_out = geometry.rotation(plan.side[job]) @ _unit(goal - block)
+    standoff = jnp.clip(block + STANDOFF * way_out, -0.79, 0.79)
+
+    cruise = _go_to(qpos, standoff)
+    facing = _bearing(ahead, block - robot)
+    rear = _bearing(-ahead, goal + 0.33 * _unit(goal - block) - robot)
+    turn_to_block, turn_rear = _turn(facing), _turn(rear)
+    held = jnp.linalg.norm(block - robot)
+    to_goal = jnp.linalg.norm(goal - block)
+    # Dragged past it, a block is as near its goal as it gets.
+    arrived = (to_goal < 0.04) | ((to_goal < 0.25) & ((goal - block) @ ahead > -0.02))
+    phase = progress.phase
+    by_phase = jnp.stack(
+        [
+            jnp.stack([cruise[0], cruise[1], -1.0]),
+            jnp.stack([0.0, turn_to_block, 1.0]),
+            jnp.stack([jnp.clip((held - 0.3) * 5, 0.3, 1.0) * jnp.exp(-((facing / 0.08) ** 2)), turn_to_block, 1.0]),
+            jnp.array([0.1, 0.0, -1.0]),
+            jnp.stack([-jnp.cos(rear), turn_rear * 0.6 * (to_goal > 0.2), -1.0]),
+            jnp.array([0.0, 0.0, 1.0]),
+            jnp.array([-1.0, 0.0, 1.0]),
+        ]
+    )
+    finished = jnp.stack(
+        [
+            jnp.linalg.norm(standoff - robot) < 0.1,
+            jnp.abs(facing) < 0.06,
+            (held < HELD_DISTANCE) | (progress.timer > 12),
+            progress.timer >= 2,
+            arrived | (progress.timer > 40) | (held > 0.5),
+            progress.timer >= 2,
+            progress.timer >= 2,
+        ]
+    )
+    waiting = (phase == APPROACH) & (progress.timer < plan.pause)
+    done = progress.job >= plan.jobs
+    action = jnp.where(waiting | done, jnp.array([0.0, 0.0, 1.0]), by_phase[phase])
+    driving = jnp.isin(phase, jnp.array([APPROACH, ADVANCE, DRAG])) & ~waiting & ~done
+    noise = plan.noise * jax.random.normal(key, (2,)) * driving
+    action = jnp.clip(action.at[0].mul(plan.speed).at[:2].add(noise), -1.0, 1.0)
+
+    advance = finished[phase] & ~waiting & ~done
+    # A block that slipped away is approached again; one that arrived is left behind.
+    lost = (phase == DRAG) & ~arrived & (held > 0.5)
+    following = jnp.where(phase == BACK_OFF, APPROACH, phase + 1)
+    following = jnp.where(lost, APPROACH, following)
+    next_job = progress.job + (advance & (phase == BACK_OFF))
+    next_phase = jnp.where(advance, following, phase)
+    return Progress(next_job, next_phase, jnp.where(advance, 0, progress.timer + 1)), action
+
+
+def _unit(vector: jax.Array) -> jax.Array:
+    return vector / jnp.maximum(jnp.linalg.norm(vector), 1e-6)
+
+
+def _bearing(ahead: jax.Array, direction: jax.Array) -> jax.Array:
+    """Signed angle from `ahead` to `direction`, counter-clockwise positive."""
+    return jnp.arctan2(ahead[0] * direction[1] - ahead[1] * direction[0], ahead @ direction)
+
+
+def _turn(bearing: jax.Array) -> jax.Array:
+    """Turn command that removes a bearing within a control step or two."""
+    return jnp.clip(bearing / (environment.TURN_RATE * environment.CONTROL_DT * 1.3), -1.0, 1.0)
+
+
+def _go_to(qpos: jax.Array, point: jax.Array) -> jax.Array:
+    """Speed and turn towards `point`, around the blocks on the way: (2,)."""
+    robot, ahead = qpos[:2], geometry.heading(qpos[2])
+    offset = robot - environment.blocks(qpos)[:, :2]
+    distance = jnp.linalg.norm(offset, axis=-1)
+    to_point = jnp.linalg.norm(point - robot)
+    push = jnp.maximum(0.0, AVOID_DISTANCE - distance) / AVOID_DISTANCE * jnp.minimum(1.0, to_point / 0.3)
+    away = offset / jnp.maximum(distance, 1e-6)[:, None]
+    # Around, not only away: the sideways part that leads towards the point keeps the robot from stalling.
+    towards = _unit(point - robot)
+    sideways = jnp.stack([-away[:, 1], away[:, 0]], -1)
+    sideways = sideways * jnp.sign(sideways @ towards)[:, None]
+    in_the_way = jnp.maximum(0.0, 0.3 - away @ towards)
+    direction = towards + jnp.sum((push * in_the_way)[:, None] * (4.0 * away + 4.0 * sideways), axis=0)
+    bearing = _bearing(ahead, direction)
+    # Backing towards a near point behind is quicker than turning round.
+    backwards = (jnp.abs(bearing) > 2.2) & (to_point < 0.5)
+    bearing = jnp.where(backwards, _bearing(-ahead, direction), bearing)
+    speed = jnp.maximum(jnp.cos(bearing), 0.0) ** 2 * jnp.clip(to_point * 5, 0.3, 1.0)
+    return jnp.stack([jnp.where(backwards, -speed, speed), _turn(bearing)])
+
+
+@partial(jit_physics, static_argnums=0)
+def rollouts(task: environment.MatchRegions, key: jax.Array, kinds: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Runs one episode of each kind in `kinds` (B,) side by side.
+
+    Returns:
+      qpos of every frame (B, T + 1, 20), and after how many frames each plan was done (B,) int32.
+    """
+    reset_key, plan_key, act_key = jax.random.split(key, 3)
+    batch = kinds.shape[0]
+    physics = jax.vmap(lambda key: task.reset(key).pipeline_state)(jax.random.split(reset_key, batch))
+    plans = jax.vmap(draw_plan)(jax.random.split(plan_key, batch), kinds)
+    progress = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch,)), begin())
+
+    def step(carry: tuple, key: jax.Array) -> tuple:
+        physics, progress = carry
+        progress, actions = jax.vmap(act)(plans, progress, physics.qpos, jax.random.split(key, batch))
+        physics = jax.vmap(task.advance)(physics, actions)
+        return (physics, progress), (physics.qpos, progress.job < plans.jobs)
+
+    start = physics.qpos
+    keys = jax.random.split(act_key, task.episode_length)
+    _, (qpos, busy) = jax.lax.scan(step, (physics, progress), keys)
+    frames = jnp.concatenate([start[None], qpos]).swapaxes(0, 1)
+    return frames, jnp.sum(busy, axis=0, dtype=jnp.int32)
+
+
+def demonstrate(task: environment.MatchRegions, key: jax.Array, successes: int, failures: int) -> Demonstrations:
+    """Demonstrations that really succeed and failures that really fail: episodes that end otherwise are dropped.
+
+    Raises:
+      RuntimeError: the expert fails so often that the wanted number is not reached in `MAX_BATCHES` batches.
+    """
+    wanted = np.array([0] * successes + [1 + i % len(FAILURES) for i in range(failures)])
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    for batch_key in jax.random.split(key, MAX_BATCHES):
+        missing = wanted if not parts else _missing(wanted, np.concatenate([part[2] for part in parts]))
+        if not missing.size:
+            break
+        kinds = np.resize(missing, BATCH)
+        qpos, busy = (np.asarray(array) for array in rollouts(task, batch_key, jnp.asarray(kinds)))
+        solved = np.asarray(jax.vmap(environment.score)(qpos[:, -1])) == 1.0
+        as_planned = solved == (kinds == 0)
+        parts.append((qpos[as_planned], busy[as_planned], kinds[as_planned]))
+    qpos, busy, kinds = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
+    if _missing(wanted, kinds).size:
+        raise RuntimeError(f"the expert reached {len(kinds)} of {len(wanted)} demonstrations in {MAX_BATCHES} batches")
+    chosen = _choose(wanted, kinds)
+    return _as_demonstrations(task, qpos[chosen], busy[chosen], kinds[chosen])
+
+
+def _missing(wanted: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """The kinds still missing from `found`, each as often as it is missing."""
+    counts = np.bincount(wanted, minlength=len(FAILURES) + 1) - np.bincount(found, minlength=len(FAILURES) + 1)
+    return np.repeat(np.arange(len(counts)), np.maximum(counts, 0))
+
+
+def _choose(wanted: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """Indices into `found` of the first episodes of each wanted kind, in the order of the kinds."""
+    return np.concatenate([np.flatnonzero(found == kind)[: np.sum(wanted == kind)] for kind in np.unique(wanted)])
+
+
+def _as_demonstrations(
+    task: environment.MatchRegions, qpos: np.ndarray, busy: np.ndarray, kinds: np.ndarray
+) -> Demonstrations:
+    boxes, mask = jax.jit(jax.vmap(jax.vmap(environment.boxes)))(qpos)
+    placed = np.asarray(geometry.inside_region(qpos[:, :, 5:11].reshape(*qpos.shape[:2], 2, 3)[..., :2]))
+    reached = np.concatenate([placed, placed.all(-1, keepdims=True)], -1)
+    # A plan of no jobs is not over at once: its robot stands there for the whole episode.
+    lengths = np.where(kinds == 1 + FAILURES.index("nothing"), qpos.shape[1], busy + TAIL_FRAMES)
+    return Demonstrations(
+        boxes=np.asarray(boxes),
+        mask=np.asarray(mask),
+        lengths=np.minimum(lengths, qpos.shape[1]).astype(np.int32),
+        success=kinds == 0,
+        objects=task.objects,
+        frame_rate=task.frame_rate,
+        source="scripted expert",
+        task=task.name,
+        events=reached_for_good(reached),
+        event_names=task.event_names,
+        kinds=np.array(("success", *FAILURES))[kinds],
+    )

@@ -1,0 +1,9 @@
+"""Settings of the test session: compile fast rather than well."""
+
+import os
+
+import jax
+
+# Most of a test's time would go into optimising programs that run for milliseconds.
+os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_cpu_use_fusion_emitters=false"
+jax.config.update("jax_disable_most_optimizations", True)

@@ -1,0 +1,192 @@
+"""The task: geometry against recorded truth, physics in MuJoCo itself (no compilation), scoring and reward by hand."""
+
+import os
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+import pytest
+
+from tasks.match_regions import env, geometry, layouts
+from tasks.match_regions.model import CONTROL_DT, FINGER_OPEN, Physics, build_model
+
+TRUTH = Path(os.environ.get("GRAPHRL_DATA", Path(__file__).parents[2] / "shared" / "data"))
+TRUTH = TRUTH / "magical_match_regions" / "truth.npz"
+
+
+def demo_qpos() -> np.ndarray:
+    poses = np.concatenate([layouts.ROBOT_START, [FINGER_OPEN, -FINGER_OPEN], layouts.BLOCK_STARTS.ravel()])
+    return poses.astype(np.float32)
+
+
+def placed(qpos: np.ndarray, block: int, x: float, y: float) -> np.ndarray:
+    qpos = qpos.copy()
+    qpos[5 + 3 * block : 7 + 3 * block] = x, y
+    return qpos
+
+
+def simulate(qpos: np.ndarray, commands: list[tuple[float, float, bool]]) -> np.ndarray:
+    """Plays (speed in units/s, turn in rad/s, open) commands, one per control step, in MuJoCo: final qpos (20,)."""
+    physics = Physics()
+    model = build_model(physics)
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    for speed, turn, is_open in commands:
+        opening = FINGER_OPEN if is_open else 0.0
+        for _ in range(physics.substeps):
+            rates = np.clip((np.array([opening, -opening]) - data.qpos[3:5]) / CONTROL_DT, -1, 1)
+            heading = np.array([-np.sin(data.qpos[2]), np.cos(data.qpos[2])])
+            data.ctrl[:] = [*(speed * heading), turn, *rates]
+            mujoco.mj_step(model, data)
+    return data.qpos.copy()
+
+
+def alone(robot: tuple[float, float, float], block: tuple[float, float] | None = None) -> np.ndarray:
+    """The robot at a pose, the star at `block`, and everything else out of the way along the southern wall."""
+    qpos = demo_qpos()
+    qpos[:3] = robot
+    for index, x in enumerate((-0.8, -0.4, 0.0, 0.4, 0.8)):
+        qpos = placed(qpos, index, x, -0.85)
+    return qpos if block is None else placed(qpos, 0, *block)
+
+
+@pytest.mark.skipif(not TRUTH.exists(), reason="recorded demonstrations are not on this machine")
+def test_boxes_match_the_recorded_ones() -> None:
+    truth = np.load(TRUTH)
+    states = truth["states"][:, ::10].reshape(-1, 24).astype(np.float32)
+    fingers = truth["rel_finger_angles"][:, ::10].reshape(-1, 2).astype(np.float32)
+    recorded = truth["boxes"][:, ::10].reshape(-1, 7, 4)
+    qpos = np.concatenate([states[:, :3], fingers, states[:, 9:]], axis=1)
+    boxes = np.asarray(jax.jit(jax.vmap(lambda scene: env.boxes(scene)[0]))(qpos))
+    corners = np.concatenate([boxes[..., :2] - boxes[..., 2:] / 2, boxes[..., :2] + boxes[..., 2:] / 2], -1)
+    ours = corners[:, [2, 3, 4, 5, 6, 0, 1]]
+    low = np.maximum(ours[..., :2], recorded[..., :2])
+    high = np.minimum(ours[..., 2:], recorded[..., 2:])
+    overlap = np.prod(np.maximum(high - low, 0), -1)
+    area = np.prod(ours[..., 2:] - ours[..., :2], -1) + np.prod(recorded[..., 2:] - recorded[..., :2], -1)
+    iou = (overlap / (area - overlap)).mean(0)
+    assert np.all(iou[:6] > 0.99), iou
+    assert iou[6] > 0.95, iou
+
+
+def test_free_motion_has_magicals_speeds() -> None:
+    forward = simulate(alone((0.0, -0.3, 0.0)), [(0.8, 0.0, False)] * 8)
+    assert forward[1] - -0.3 == pytest.approx(0.8, abs=0.15)  # one second, less the time to gain speed
+    assert abs(forward[0]) < 0.01
+    turned = simulate(alone((0.0, 0.0, 0.0)), [(0.0, 2.5, False)] * 8)
+    assert turned[2] == pytest.approx(2.5, abs=0.3)
+    np.testing.assert_allclose(turned[:2], 0.0, atol=0.02)
+
+
+def test_fingers_open_and_close_at_a_limited_rate() -> None:
+    closed = simulate(alone((0.0, 0.0, 0.0)), [(0.0, 0.0, False)] * 8)
+    np.testing.assert_allclose(closed[3:5], 0.0, atol=0.03)
+    opening = closed
+    opening = simulate(opening, [(0.0, 0.0, True)] * 2)
+    assert 0.1 < opening[3] < 0.3  # 1 rad/s at most
+    opened = simulate(opening, [(0.0, 0.0, True)] * 8)
+    np.testing.assert_allclose(opened[3:5], [FINGER_OPEN, -FINGER_OPEN], atol=0.03)
+
+
+def test_a_gripped_block_is_dragged_backwards_and_an_open_gripper_leaves_it() -> None:
+    start = alone((0.0, 0.3, 0.0), (0.0, 0.625))
+    close, back = [(0.0, 0.0, False)] * 3, 12
+    dragged = simulate(start, close + [(-0.6, 0.0, False)] * back)
+    left = simulate(start, [(-0.6, 0.0, True)] * (back + 3))
+    assert dragged[6] < 0.625 - 0.4
+    assert np.linalg.norm(dragged[5:7] - dragged[:2]) < 0.36
+    assert left[6] > 0.6
+
+
+def test_a_block_can_be_pulled_off_the_wall() -> None:
+    start = alone((-0.53, 0.3, np.pi / 2), (-0.86, 0.3))
+    dragged = simulate(start, [(0.2, 0.0, True)] * 2 + [(0.0, 0.0, False)] * 3 + [(-0.6, 0.0, False)] * 10)
+    assert dragged[5] > -0.6
+
+
+def test_a_pushed_block_comes_to_rest() -> None:
+    pushed = simulate(alone((0.0, -0.2, 0.0), (0.0, 0.15)), [(0.8, 0.0, False)] * 6 + [(-0.6, 0.0, False)] * 4)
+    later = simulate(pushed, [(0.0, 0.0, False)] * 1)
+    rested = simulate(later, [(0.0, 0.0, False)] * 10)
+    assert pushed[6] > 0.25
+    np.testing.assert_allclose(rested[5:7], later[5:7], atol=0.02)
+
+
+def test_walls_hold_robot_and_fingers() -> None:
+    stopped = simulate(alone((0.0, 0.5, 0.0)), [(0.8, 0.0, False)] * 12)
+    tips = geometry.finger_points(jnp.asarray(stopped[3:5], jnp.float32))[:, 2]
+    height = stopped[1] + np.asarray(tips @ geometry.rotation(jnp.float32(stopped[2])).T)[:, 1]
+    assert np.all(height < 1.0)
+    assert stopped[1] > 0.55
+
+
+@pytest.mark.parametrize(
+    ("inside", "expected"),
+    [((), 0.0), ((0,), 0.5), ((0, 1), 1.0), ((0, 1, 2), 2 / 3), ((2,), 0.0), ((0, 2, 3), 0.5 / 3)],
+)
+def test_score_is_magicals(inside: tuple[int, ...], expected: float) -> None:
+    qpos = demo_qpos()
+    for i, block in enumerate(inside):
+        qpos = placed(qpos, block, 0.2 + 0.15 * i, 0.3)
+    assert float(env.score(jnp.asarray(qpos))) == pytest.approx(expected)
+
+
+def test_environment_reward_by_hand() -> None:
+    task = env.MatchRegions(reward=env.Reward(reach=0.0))
+    state = task.reset(jax.random.key(0)).pipeline_state
+    qpos = placed(placed(np.array(state.qpos), 0, 0.4, 0.35), 1, -0.2, 0.35)
+    moved = state._replace(qpos=jnp.asarray(qpos))
+    # The star is inside: distance 0. The square is 0.6 from the centre (0.4, 0.35). No distractor is inside.
+    potential = float(state.initial_distance.sum()) - 0.6 - 0.1
+    expected = 10 * np.tanh(potential / 2)
+    assert float(env.environment_reward(moved, task.reward)) == pytest.approx(expected, abs=1e-4)
+
+
+def test_reach_term_is_the_distance_to_the_nearest_unplaced_target() -> None:
+    state = env.MatchRegions().reset(jax.random.key(0)).pipeline_state
+    qpos = jnp.asarray(placed(np.array(state.qpos), 0, 0.4, 0.35))  # only the square is left
+    state = state._replace(qpos=qpos)
+    with_reach = env.environment_reward(state, env.Reward(reach=0.25))
+    without = env.environment_reward(state, env.Reward(reach=0.0))
+    distance = float(jnp.linalg.norm(env.blocks(qpos)[1, :2] - env.grasp_point(qpos)))
+    difference = 2 * (np.arctanh(float(without) / 10) - np.arctanh(float(with_reach) / 10))
+    assert difference == pytest.approx(0.25 * distance, abs=1e-3)
+
+
+def test_demo_layout_is_the_recorded_one_up_to_its_jitter() -> None:
+    qpos = jax.jit(jax.vmap(layouts.Demo(jitter=0.03).sample))(jax.random.split(jax.random.key(1), 64))
+    offset = np.asarray(qpos[:, 5:].reshape(64, 5, 3)) - layouts.BLOCK_STARTS
+    assert np.abs(offset).max() <= 0.03
+    assert np.abs(offset).max() > 0.02
+    assert not np.allclose(qpos[0], qpos[1])
+
+
+@pytest.mark.parametrize("layout", [layouts.Jitter(), layouts.Random(), layouts.Training(layouts.Demo())])
+def test_every_layout_stays_inside_the_walls(layout: layouts.Layout) -> None:
+    qpos = np.asarray(jax.jit(jax.vmap(layout.sample))(jax.random.split(jax.random.key(2), 256)))
+    assert np.isfinite(qpos).all()
+    assert np.abs(qpos[:, :2]).max() <= 0.8
+    assert np.abs(qpos[:, 5:].reshape(-1, 5, 3)[..., :2]).max() <= 0.9
+    assert np.abs(qpos[:, 3:5]).max() <= FINGER_OPEN + 1e-6
+
+
+def test_training_starts_cover_placed_and_held_targets() -> None:
+    qpos = jax.jit(jax.vmap(layouts.Training(layouts.Demo()).sample))(jax.random.split(jax.random.key(3), 512))
+    targets = np.asarray(qpos[:, 5:11].reshape(-1, 2, 3)[..., :2])
+    inside = np.asarray(geometry.inside_region(jnp.asarray(targets)))
+    assert 0.1 < inside.mean() < 0.4
+    held = np.linalg.norm(targets - np.asarray(jax.vmap(env.grasp_point)(qpos))[:, None], axis=-1).min(1) < 0.02
+    assert 0.05 < held.mean() < 0.4
+
+
+def test_observation_has_its_documented_size_and_frame() -> None:
+    task = env.MatchRegions()
+    state = task.reset(jax.random.key(0))
+    assert state.obs.shape == (task.observation_size,)
+    qpos = alone((0.1, 0.2, 0.7))
+    ahead = np.array([-np.sin(0.7), np.cos(0.7)])
+    qpos = placed(qpos, 0, *(np.array([0.1, 0.2]) + 0.4 * ahead))
+    obs = np.asarray(env.observe(state.pipeline_state._replace(qpos=jnp.asarray(qpos, jnp.float32))))
+    np.testing.assert_allclose(obs[13:15], [0.4, 0.0], atol=1e-5)  # the star: 0.4 ahead, 0 to the left

@@ -1,0 +1,107 @@
+"""Goal, scale and reward."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+from synthetic import demonstrations
+
+from graphrl_jax import encoder
+from graphrl_jax.encoder import EncoderConfig
+from graphrl_jax.graph import sequence_graphs
+from graphrl_jax.reward import RewardModel, demonstration_rewards, embed_demonstrations, fit_reward
+
+CONFIG = EncoderConfig(num_layers=1, hidden=4, embedding=3)
+PARAMS = jax.jit(encoder.init, static_argnums=(1, 2))(jax.random.key(0), CONFIG, 3)
+DEMOS = demonstrations(num=4, num_frames=10)
+SETTINGS = (2.0, 1.0, 0.02)
+LAST = DEMOS.lengths - 1
+
+
+@pytest.fixture(scope="module")
+def model() -> RewardModel:
+    return fit_reward(PARAMS, DEMOS, *SETTINGS)
+
+
+@pytest.fixture(scope="module")
+def embeddings() -> np.ndarray:
+    return np.asarray(embed_demonstrations(PARAMS, DEMOS, *SETTINGS))
+
+
+@pytest.fixture(scope="module")
+def graphs():
+    """The graphs of the first demonstration, as numpy arrays with a leading time axis."""
+    sequence = jax.jit(sequence_graphs, static_argnums=0)
+    return jax.tree.map(
+        np.asarray, sequence(DEMOS.objects, DEMOS.boxes[0], DEMOS.mask[0], DEMOS.lengths[0], SETTINGS[2])
+    )
+
+
+def frame(graphs, index):
+    return jax.tree.map(lambda field: field[index], graphs)
+
+
+def test_goal_is_the_mean_over_last_real_frames(model, embeddings):
+    np.testing.assert_allclose(model.goal, np.mean(embeddings[np.arange(4), LAST], axis=0), rtol=1e-5, atol=1e-6)
+
+
+def test_kappa_is_one_over_the_mean_distance_of_first_frames(model, embeddings):
+    distances = np.linalg.norm(embeddings[:, 0] - np.asarray(model.goal), axis=1)
+    np.testing.assert_allclose(model.kappa, 1 / np.mean(distances), rtol=1e-5)
+    rewards = np.asarray(demonstration_rewards(model, DEMOS))
+    np.testing.assert_allclose(np.mean(rewards[:, 0]), -1.0, rtol=1e-5)
+
+
+def test_reward_of_a_graph_is_minus_kappa_times_its_distance(model, embeddings, graphs):
+    rewards = np.asarray(demonstration_rewards(model, DEMOS))
+    apply = jax.jit(lambda model, graph: (model.embed(graph), model.distance(graph), model.apply(graph)))
+    for t in (0, 5, 9):
+        embedding, distance, reward = apply(model, frame(graphs, t))
+        np.testing.assert_allclose(embedding, embeddings[0, t], rtol=1e-5, atol=1e-6)
+        expected = np.linalg.norm(embeddings[0, t] - np.asarray(model.goal))
+        np.testing.assert_allclose(distance, expected, rtol=1e-4)
+        np.testing.assert_allclose(reward, -np.asarray(model.kappa) * expected, rtol=1e-4)
+        np.testing.assert_allclose(reward, rewards[0, t], rtol=1e-4)
+
+
+def test_reward_is_zero_at_a_single_goal_graph_and_its_gradient_finite(graphs):
+    goal = frame(graphs, 9)
+    model = fit_reward(PARAMS, DEMOS, *SETTINGS, goal_graph=goal)
+    np.testing.assert_allclose(jax.jit(RewardModel.apply)(model, goal), 0.0, atol=1e-5)
+    exact = replace(model, goal=jax.jit(RewardModel.embed)(model, goal))
+    gradient = jax.jit(jax.grad(lambda boxes: exact.apply(replace(goal, boxes=boxes))))(goal.boxes)
+    assert np.isfinite(gradient).all()
+
+
+def test_another_encoder_goal_or_scale_does_not_trace_again(model, graphs):
+    traces = []
+
+    @jax.jit
+    def counted(model, graph):
+        traces.append(graph)
+        return model.apply(graph)
+
+    scaled = replace(model, kappa=np.float32(2) * np.asarray(model.kappa), alpha=np.float32(7))
+    other = replace(model, params=jax.tree.map(lambda leaf: np.asarray(leaf) + np.float32(1), model.params))
+    rewards = [float(counted(each, frame(graphs, 4))) for each in (model, scaled, other)]
+    assert len(traces) == 1 and len(set(rewards)) == 3
+
+
+def test_padding_of_demonstrations_does_not_matter(model):
+    boxes = DEMOS.boxes.copy()
+    boxes[~(np.arange(10) < DEMOS.lengths[:, None])] = 1e30
+    refitted = fit_reward(PARAMS, replace(DEMOS, boxes=boxes), *SETTINGS)
+    jax.tree.map(np.testing.assert_array_equal, refitted, model)
+
+
+def test_failures_have_no_goal():
+    mixed = replace(DEMOS, success=np.array([True, False, True, False]))
+    with pytest.raises(ValueError, match=r"2 of 4 demonstrations are failures; pass demonstrations.successes\(\)"):
+        fit_reward(PARAMS, mixed, *SETTINGS)
+
+
+def test_demonstrations_that_start_at_the_goal_have_no_scale():
+    still = replace(DEMOS, boxes=np.full_like(DEMOS.boxes, 0.5))
+    with pytest.raises(ValueError, match="must differ from the goal, got a mean distance of 0.0"):
+        fit_reward(PARAMS, still, *SETTINGS)
