@@ -60,9 +60,9 @@ def test_reward_of_a_graph_is_minus_kappa_times_its_distance(model, embeddings, 
         embedding, distance, reward = apply(model, frame(graphs, t))
         np.testing.assert_allclose(embedding, embeddings[0, t], rtol=1e-5, atol=1e-6)
         expected = np.linalg.norm(embeddings[0, t] - np.asarray(model.goal))
-        np.testing.assert_allclose(distance, expected, rtol=1e-4)
-        np.testing.assert_allclose(reward, -np.asarray(model.kappa) * expected, rtol=1e-4)
-        np.testing.assert_allclose(reward, rewards[0, t], rtol=1e-4)
+        np.testing.assert_allclose(distance, expected, rtol=1e-4, atol=1e-6)
+        np.testing.assert_allclose(reward, -np.asarray(model.kappa) * expected, rtol=1e-4, atol=1e-5)
+        np.testing.assert_allclose(reward, rewards[0, t], rtol=1e-4, atol=1e-5)
 
 
 def test_reward_is_zero_at_a_single_goal_graph_and_its_gradient_finite(graphs):

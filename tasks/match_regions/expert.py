@@ -21,6 +21,7 @@ APPROACH, FACE, ADVANCE, GRIP, DRAG, RELEASE, BACK_OFF = range(7)
 STANDOFF = 0.58
 HELD_DISTANCE = 0.335
 AVOID_DISTANCE = 0.6
+CLEAR_DISTANCE = 0.52
 MAX_JOBS = 2
 TAIL_FRAMES = 4
 BATCH, MAX_BATCHES = 64, 8
@@ -65,7 +66,7 @@ def draw_plan(key: jax.Array, kind: jax.Array) -> Plan:
     order_key, goal_key, speed_key, side_key, pause_key, noise_key = jax.random.split(key, 6)
     first = jax.random.bernoulli(order_key).astype(jnp.int32)
     second = 1 - first
-    nominal = jnp.array([[0.59, 0.13], [0.26, 0.58]])
+    nominal = jnp.array([[0.57, 0.1], [0.19, 0.57]])
     goals = nominal + jax.random.uniform(goal_key, (2, 2), minval=-0.05, maxval=0.05)
     distractor = 2 + jax.random.randint(goal_key, (), 0, 3)
     outside = jnp.array([[0.75, -0.5], [-0.25, 0.55]])
@@ -116,13 +117,13 @@ def act(plan: Plan, progress: Progress, qpos: jax.Array, key: jax.Array) -> tupl
     held = jnp.linalg.norm(block - robot)
     to_goal = jnp.linalg.norm(goal - block)
     # Dragged past it, a block is as near its goal as it gets.
-    arrived = (to_goal < 0.04) | ((to_goal < 0.25) & ((goal - block) @ ahead > -0.02))
+    arrived = (to_goal < 0.05) | ((to_goal < 0.25) & ((goal - block) @ ahead > -0.05))
     phase = progress.phase
     by_phase = jnp.stack(
         [
             jnp.stack([cruise[0], cruise[1], -1.0]),
             jnp.stack([0.0, turn_to_block, 1.0]),
-            jnp.stack([jnp.clip((held - 0.3) * 5, 0.3, 1.0) * jnp.exp(-((facing / 0.08) ** 2)), turn_to_block, 1.0]),
+            jnp.stack([jnp.clip((held - 0.3) * 8, 0.4, 1.0) * jnp.exp(-((facing / 0.15) ** 2)), turn_to_block, 1.0]),
             jnp.array([0.1, 0.0, -1.0]),
             jnp.stack([-jnp.cos(rear), turn_rear * 0.6 * (to_goal > 0.2), -1.0]),
             jnp.array([0.0, 0.0, 1.0]),
@@ -131,13 +132,13 @@ def act(plan: Plan, progress: Progress, qpos: jax.Array, key: jax.Array) -> tupl
     )
     finished = jnp.stack(
         [
-            jnp.linalg.norm(standoff - robot) < 0.1,
-            jnp.abs(facing) < 0.06,
+            (jnp.linalg.norm(standoff - robot) < 0.15) | (progress.timer > 40),
+            jnp.abs(facing) < 0.15,
             (held < HELD_DISTANCE) | (progress.timer > 12),
             progress.timer >= 2,
             arrived | (progress.timer > 40) | (held > 0.5),
-            progress.timer >= 2,
-            progress.timer >= 2,
+            progress.timer >= 1,
+            (held > CLEAR_DISTANCE) | (progress.timer > 5),
         ]
     )
     waiting = (phase == APPROACH) & (progress.timer < plan.pause)
@@ -148,11 +149,12 @@ def act(plan: Plan, progress: Progress, qpos: jax.Array, key: jax.Array) -> tupl
     action = jnp.clip(action.at[0].mul(plan.speed).at[:2].add(noise), -1.0, 1.0)
 
     advance = finished[phase] & ~waiting & ~done
-    # A block that slipped away is approached again; one that arrived is left behind.
+    # A block that slipped away is approached again.
     lost = (phase == DRAG) & ~arrived & (held > 0.5)
-    following = jnp.where(phase == BACK_OFF, APPROACH, phase + 1)
-    following = jnp.where(lost, APPROACH, following)
-    next_job = progress.job + (advance & (phase == BACK_OFF))
+    # Nothing comes after the last job: its block is let go, and the robot stays.
+    last = (phase == RELEASE) & (job == plan.jobs - 1)
+    following = jnp.where((phase == BACK_OFF) | last | lost, APPROACH, phase + 1)
+    next_job = progress.job + (advance & ((phase == BACK_OFF) | last))
     next_phase = jnp.where(advance, following, phase)
     return Progress(next_job, next_phase, jnp.where(advance, 0, progress.timer + 1)), action
 
@@ -187,7 +189,7 @@ def _go_to(qpos: jax.Array, point: jax.Array) -> jax.Array:
     direction = towards + jnp.sum((push * in_the_way)[:, None] * (4.0 * away + 4.0 * sideways), axis=0)
     bearing = _bearing(ahead, direction)
     # Backing towards a near point behind is quicker than turning round.
-    backwards = (jnp.abs(bearing) > 2.2) & (to_point < 0.5)
+    backwards = (jnp.abs(bearing) > 2.0) & (to_point < 0.8)
     bearing = jnp.where(backwards, _bearing(-ahead, direction), bearing)
     speed = jnp.maximum(jnp.cos(bearing), 0.0) ** 2 * jnp.clip(to_point * 5, 0.3, 1.0)
     return jnp.stack([jnp.where(backwards, -speed, speed), _turn(bearing)])
