@@ -90,15 +90,15 @@ class PointMass(Env):
         place, goal = jax.random.uniform(rng, (2, 2), minval=-1.0, maxval=1.0)
         zero = jnp.zeros(())
         points = jnp.concatenate([place, jnp.zeros(2), goal])
-        return State(points, points, zero, zero)  # pyright: ignore
+        return State(points, points, zero, zero)
 
     def step(self, state: State, action: jax.Array) -> State:
-        place, velocity, goal = jnp.split(state.pipeline_state, 3)  # pyright: ignore
+        place, velocity, goal = jnp.split(state.pipeline_state, 3)
         velocity = 0.8 * velocity + 0.05 * action
         place = place + velocity
         points = jnp.concatenate([place, velocity, goal])
         reward = -jnp.linalg.norm(place - goal)
-        return state.replace(pipeline_state=points, obs=points, reward=reward)  # pyright: ignore
+        return state.replace(pipeline_state=points, obs=points, reward=reward)
 
 
 TASK = PointMass()
@@ -154,13 +154,13 @@ def brax_curve(options: Options, seed: int) -> Curve:
         batch_size=CONFIG.num_envs // CONFIG.num_minibatches,
         num_minibatches=CONFIG.num_minibatches,
         num_updates_per_batch=CONFIG.num_epochs,
-        learning_rate=HYPER.learning_rate,  # pyright: ignore
-        discounting=HYPER.discount,  # pyright: ignore
-        gae_lambda=HYPER.gae_lambda,  # pyright: ignore
-        clipping_epsilon=HYPER.clip,  # pyright: ignore
-        entropy_cost=HYPER.entropy_cost,  # pyright: ignore
-        max_grad_norm=HYPER.max_grad_norm,  # pyright: ignore
-        vf_loss_coefficient=HYPER.value_cost,  # pyright: ignore
+        learning_rate=HYPER.learning_rate,
+        discounting=HYPER.discount,
+        gae_lambda=HYPER.gae_lambda,
+        clipping_epsilon=HYPER.clip,
+        entropy_cost=HYPER.entropy_cost,
+        max_grad_norm=HYPER.max_grad_norm,
+        vf_loss_coefficient=HYPER.value_cost,
         normalize_observations=True,
         network_factory=partial(
             make_ppo_networks,
@@ -192,7 +192,7 @@ def supply_device_put_replicated() -> None:
             raise ValueError(f"devices has {len(devices)} entries; allowed: 1")
         return jax.tree.map(lambda leaf: jnp.asarray(leaf)[None], tree)
 
-    jax.device_put_replicated = device_put_replicated  # pyright: ignore
+    jax.device_put_replicated = device_put_replicated
 
 
 def compare(ours: np.ndarray, brax: np.ndarray) -> dict[str, Any]:

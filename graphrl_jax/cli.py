@@ -144,9 +144,9 @@ def train(request: Train) -> None:
     numbers: dict[str, Any] = {}
     with Progress() as progress:
         progress.note(f"run directory: {run.path}")
-        demos = _demonstrations(run, task, settings)
         reward_params: Any = np.float32(settings.pretrain.tau)
         if settings.reward != "env":
+            demos = _demonstrations(run, task, settings)
             if (run.path / "encoder.json").exists():
                 numbers["encoder"] = runs.read_json(run.path / "encoder.json")
                 reward_params = pipeline.load_reward(run, settings, task)
@@ -231,7 +231,7 @@ def _started(request: Train) -> tuple[Run, Settings]:
     hyper = PretrainHyper(alpha=request.alpha, suppress_robot=float(request.reward != "graph_with_robot"))
     settings = Settings(
         task=request.task,
-        reward=request.reward,  # pyright: ignore[reportArgumentType]: Settings checks it
+        reward=request.reward,
         preset=request.preset or default_preset(),
         seed=request.seed,
         demos=None if request.demos is None else str(request.demos),

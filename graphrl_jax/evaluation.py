@@ -40,7 +40,7 @@ def episode_outcomes(
     env = VmapWrapper(Episode(make_env(reward_params), config.episode_length))
     reset_key, act_key = jax.random.split(key)
     state = env.reset(jax.random.split(reset_key, num_episodes))
-    act = make_inference(config, state.obs.shape[-1], env.action_size, deterministic)  # pyright: ignore
+    act = make_inference(config, state.obs.shape[-1], env.action_size, deterministic)
     outcomes = {name: state.metrics[name] for name in OUTCOMES if name in state.metrics}
 
     def step(carry: tuple, key: jax.Array) -> tuple:
@@ -60,4 +60,4 @@ evaluate = jit_physics(episode_outcomes, static_argnames=("config", "make_env", 
 
 
 def _not_done(state: State) -> State:
-    return state.replace(done=jnp.zeros_like(state.done))  # pyright: ignore
+    return state.replace(done=jnp.zeros_like(state.done))

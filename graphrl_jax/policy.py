@@ -49,7 +49,7 @@ def make_inference(config: PPOConfig, observation_size: int, action_size: int, d
     make_policy = networks.make_inference_fn(make_networks(config, observation_size, action_size))
 
     def act(params: Any, observation: jax.Array, key: jax.Array) -> jax.Array:
-        return make_policy(params, deterministic)(observation, key)[0]  # pyright: ignore
+        return make_policy(params, deterministic)(observation, key)[0]
 
     return act
 

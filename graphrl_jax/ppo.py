@@ -268,16 +268,16 @@ def _loss(
         data,
         key,
         network,
-        entropy_cost=hyper.entropy_cost,  # pyright: ignore
-        discounting=hyper.discount,  # pyright: ignore
-        reward_scaling=reward_scale,  # pyright: ignore
-        gae_lambda=hyper.gae_lambda,  # pyright: ignore
-        clipping_epsilon=hyper.clip,  # pyright: ignore
-        vf_coefficient=hyper.value_cost,  # pyright: ignore
+        entropy_cost=hyper.entropy_cost,
+        discounting=hyper.discount,
+        reward_scaling=reward_scale,
+        gae_lambda=hyper.gae_lambda,
+        clipping_epsilon=hyper.clip,
+        vf_coefficient=hyper.value_cost,
     )
     # The same network on the same input, time first, as inside Brax's loss: the compiler merges the two.
-    taken = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), data.extras["policy_extras"])  # pyright: ignore
-    logits = network.policy_network.apply(normalizer, params.policy, jnp.swapaxes(data.observation, 0, 1))  # pyright: ignore
+    taken = jax.tree.map(lambda x: jnp.swapaxes(x, 0, 1), data.extras["policy_extras"])
+    logits = network.policy_network.apply(normalizer, params.policy, jnp.swapaxes(data.observation, 0, 1))
     distribution = network.parametric_action_distribution
     ratio = jnp.exp(distribution.log_prob(logits, taken["raw_action"]) - taken["log_prob"])
     return loss, {
@@ -298,16 +298,16 @@ def _explained_variance(
     def value(observation: jax.Array) -> jax.Array:
         return network.value_network.apply(state.normalizer, state.params.value, observation)
 
-    values = value(data.observation)  # pyright: ignore
-    truncation = data.extras["state_extras"]["truncation"]  # pyright: ignore
+    values = value(data.observation)
+    truncation = data.extras["state_extras"]["truncation"]
     targets, _ = losses.compute_gae(
         truncation,
         (1 - data.discount) * (1 - truncation),
         data.reward * reward_scale,
         values,
         value(data.next_observation[-1]),
-        hyper.gae_lambda,  # pyright: ignore
-        hyper.discount,  # pyright: ignore
+        hyper.gae_lambda,
+        hyper.discount,
     )
     return 1.0 - jnp.var(targets - values) / (jnp.var(targets) + 1e-8)
 
@@ -340,7 +340,7 @@ def update_return_statistics(
 
 def _unroll_metrics(data: Transition) -> Metrics:
     """Means of the step metrics (T, B) over all steps, and of the outcomes over the steps that end an episode."""
-    steps = data.extras["state_extras"]["step_metrics"]  # pyright: ignore
+    steps = data.extras["state_extras"]["step_metrics"]
     done = 1.0 - data.discount
     episodes = jnp.sum(done)
     outcomes = {name: jnp.sum(steps[name] * done) / episodes for name in OUTCOMES if name in steps}

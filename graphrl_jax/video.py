@@ -36,6 +36,6 @@ def write_video(frames: np.ndarray, path: str | Path, frame_rate: float) -> None
         # macro_block_size 1: keep our size instead of scaling to multiples of 16.
         with imageio.get_writer(temporary, fps=frame_rate, codec="libx264", quality=7, macro_block_size=1) as writer:
             for frame in frames:
-                writer.append_data(frame)  # pyright: ignore
+                writer.append_data(frame)
 
     write_atomically(path, write)

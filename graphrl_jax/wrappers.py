@@ -44,24 +44,24 @@ class EnvironmentReward(Wrapper):
 
     @property
     def observation_size(self) -> int:
-        return self.env.observation_size + self.env.objects.num_slots  # pyright: ignore
+        return self.env.observation_size + self.env.objects.num_slots
 
     def reset(self, rng: jax.Array) -> State:
         state = self.env.reset(rng)
-        boxes, mask = self.env.boxes(state)  # pyright: ignore
+        boxes, mask = self.env.boxes(state)
         return self._with_activity(state, {}, boxes, mask, jnp.zeros(mask.shape, bool))
 
     def step(self, state: State, action: jax.Array) -> State:
         before = state.info
         state = self.env.step(state, action)
-        boxes, mask = self.env.boxes(state)  # pyright: ignore
+        boxes, mask = self.env.boxes(state)
         active = update_activity(before["active"], before["boxes"], before["mask"], boxes, mask, self.tau)
         return self._with_activity(state, before, boxes, mask, active)
 
     def _with_activity(
         self, state: State, info: dict[str, Any], boxes: jax.Array, mask: jax.Array, active: jax.Array
     ) -> State:
-        return state.replace(  # pyright: ignore
+        return state.replace(
             obs=jnp.concatenate([state.obs, active.astype(jnp.float32)]),
             info={**info, **state.info, "boxes": boxes, "mask": mask, "active": active},
             metrics={**state.metrics, "env_reward": state.reward},
@@ -90,12 +90,13 @@ class GraphReward(EnvironmentReward):
     def step(self, state: State, action: jax.Array) -> State:
         state = super().step(state, action)
         info = state.info
-        graph = build_graph(self.env.objects, info["boxes"], info["mask"], info["active"])  # pyright: ignore
-        return self._with_reward(state, self.model.apply(graph), self.model.distance(graph))
+        graph = build_graph(self.env.objects, info["boxes"], info["mask"], info["active"])
+        distance = self.model.distance(graph)
+        return self._with_reward(state, -self.model.kappa * distance, distance)
 
     def _with_reward(self, state: State, reward: jax.Array, distance: jax.Array) -> State:
         metrics = {**state.metrics, "graph_reward": reward, "distance": distance}
-        return state.replace(reward=reward, metrics=metrics)  # pyright: ignore
+        return state.replace(reward=reward, metrics=metrics)
 
 
 class Episode(Wrapper):
@@ -122,7 +123,7 @@ class Episode(Wrapper):
         steps = before["steps"] + 1
         out_of_time = (steps >= self.episode_length).astype(jnp.float32)
         done = jnp.asarray(state.done, jnp.float32)
-        state = state.replace(done=jnp.maximum(done, out_of_time))  # pyright: ignore
+        state = state.replace(done=jnp.maximum(done, out_of_time))
         return self._with_counters(
             state, before, steps, out_of_time * (1.0 - done), before["episode_return"] + state.reward
         )
@@ -132,9 +133,7 @@ class Episode(Wrapper):
     ) -> State:
         counters = {"steps": steps, "truncation": truncation, "episode_return": episode_return}
         outcome = {"episode_return": episode_return, "episode_length": steps.astype(jnp.float32)}
-        return state.replace(  # pyright: ignore
-            info={**info, **state.info, **counters}, metrics={**state.metrics, **outcome}
-        )
+        return state.replace(info={**info, **state.info, **counters}, metrics={**state.metrics, **outcome})
 
 
 class AutoReset(Wrapper):
@@ -153,12 +152,12 @@ class AutoReset(Wrapper):
         reset_key, first_key = jax.random.split(rng)
         state = self.env.reset(first_key)
         info = {**state.info, "reset_key": reset_key, "step_metrics": state.metrics}
-        return state.replace(info=info)  # pyright: ignore
+        return state.replace(info=info)
 
     def step(self, state: State, action: jax.Array) -> State:
         reset_key, fresh_key = jax.random.split(state.info["reset_key"])
         # A task may leave `done` as it finds it.
-        state = self.env.step(state.replace(done=jnp.zeros_like(state.done)), action)  # pyright: ignore
+        state = self.env.step(state.replace(done=jnp.zeros_like(state.done)), action)
         fresh = self.env.reset(fresh_key)
 
         def choose(new: Any, old: Any) -> Any:
@@ -166,7 +165,7 @@ class AutoReset(Wrapper):
 
         info = choose(fresh.info, {name: state.info[name] for name in fresh.info})
         kept = {"reset_key": reset_key, "truncation": state.info["truncation"], "step_metrics": state.metrics}
-        return state.replace(  # pyright: ignore
+        return state.replace(
             pipeline_state=choose(fresh.pipeline_state, state.pipeline_state),
             obs=choose(fresh.obs, state.obs),
             info={**info, **kept},
@@ -188,4 +187,4 @@ def stagger(state: State, key: jax.Array, episode_length: int) -> State:
     """
     steps = state.info["steps"]
     drawn = jax.random.randint(key, steps.shape, 0, episode_length, dtype=steps.dtype)
-    return state.replace(info={**state.info, "steps": drawn})  # pyright: ignore
+    return state.replace(info={**state.info, "steps": drawn})

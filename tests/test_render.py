@@ -57,7 +57,7 @@ def test_drawn_block_fills_its_box(block: int, theta: float) -> None:
     poses = layouts.BLOCK_STARTS.copy()
     poses[block] = place
     with jax.disable_jit():
-        box = np.asarray(geometry.block_boxes(poses))[block]  # pyright: ignore
+        box = np.asarray(geometry.block_boxes(poses))[block]
     assert_tight(pixels, box)
 
 
@@ -67,14 +67,14 @@ def test_drawn_robot_fills_its_box(theta: float) -> None:
     drawn = render.draw_scene(scene(robot=(-0.4, 0.2, theta), **blocks_away), SIZE)
     without = render.draw_scene(scene(robot=(5.0, 5.0, 0.0), **blocks_away), SIZE)
     with jax.disable_jit():
-        box = np.asarray(geometry.robot_box(np.array([-0.4, 0.2, theta]), np.array([0.3, -0.3])))  # pyright: ignore
+        box = np.asarray(geometry.robot_box(np.array([-0.4, 0.2, theta]), np.array([0.3, -0.3])))
     assert_tight(changed_pixels(without, drawn), box)
 
 
 def test_fingers_agree_with_the_geometry_on_device() -> None:
     fingers = np.array([0.3, -0.1], np.float32)
     with jax.disable_jit():
-        expected = geometry.finger_points(fingers)  # pyright: ignore
+        expected = geometry.finger_points(fingers)
     np.testing.assert_allclose(render.finger_lines(fingers), expected, atol=1e-6)
 
 

@@ -24,7 +24,7 @@ def test_video_reads_back(tmp_path: Path, height: int, width: int) -> None:
     write_video(frames, path, 8.0)
     with imageio.get_reader(path) as reader:
         seconds = reader.get_meta_data()["duration"]
-        read = np.stack([frame for frame in reader.iter_data()])  # pyright: ignore
+        read = np.stack([frame for frame in reader.iter_data()])
     assert read.shape == (9, 48, 64, 3)
     assert seconds == pytest.approx(9 / 8, abs=0.05)
     assert np.mean(np.abs(read[:, :height, :width].astype(float) - frames)) < 10

@@ -64,13 +64,14 @@ class PhysicsState(NamedTuple):
 class Reward:
     """Constants of the environmental reward 10 tanh(p / 2); p = progress - distractors inside - time penalty.
 
-    `reach` is ours and not part of the original: p also loses `reach` times the distance from the point between the
-    fingers to the nearest target that is not yet inside the region. 0 gives the original.
+    `reach` is ours and not part of the original: p also loses `reach` times the way still to go to the blocks, which is
+    the distance from the point between the fingers to the nearest target outside the region, plus `REACH_PER_TARGET`
+    for every further one, so that placing a target never costs. 0 gives the original.
     """
 
     scale: float = 10.0
     time_penalty: float = 0.1
-    reach: float = 0.25
+    reach: float = 0.5
 
 
 class MatchRegions(Task):
@@ -101,14 +102,14 @@ class MatchRegions(Task):
         physics = PhysicsState(qpos, zeros, zeros, distance)
         zero = jnp.zeros((), jnp.float32)
         metrics = {"success": zero, "score": zero}
-        return State(physics, observe(physics), zero, zero, metrics, {})  # pyright: ignore
+        return State(physics, observe(physics), zero, zero, metrics, {})
 
     def step(self, state: State, action: jax.Array) -> State:
-        physics = self.advance(state.pipeline_state, action)  # pyright: ignore
+        physics = self.advance(state.pipeline_state, action)
         value = score(physics.qpos)
         metrics = {**state.metrics, "success": (value == 1.0).astype(jnp.float32), "score": value}
         reward = environment_reward(physics, self.reward)
-        return state.replace(pipeline_state=physics, obs=observe(physics), reward=reward, metrics=metrics)  # pyright: ignore
+        return state.replace(pipeline_state=physics, obs=observe(physics), reward=reward, metrics=metrics)
 
     def advance(self, state: PhysicsState, action: jax.Array) -> PhysicsState:
         """One control step of physics under `action` (3,)."""
@@ -131,10 +132,10 @@ class MatchRegions(Task):
         return PhysicsState(qpos, qvel, warmstart, state.initial_distance)
 
     def boxes(self, state: State) -> tuple[jax.Array, jax.Array]:
-        return boxes(state.pipeline_state.qpos)  # pyright: ignore
+        return boxes(state.pipeline_state.qpos)
 
     def events(self, state: State) -> jax.Array:
-        placed = geometry.inside_region(blocks(state.pipeline_state.qpos)[:NUM_TARGETS, :2])  # pyright: ignore
+        placed = geometry.inside_region(blocks(state.pipeline_state.qpos)[:NUM_TARGETS, :2])
         return jnp.append(placed, placed.all())
 
     def training(self) -> "MatchRegions":
@@ -191,6 +192,7 @@ def grasp_point(qpos: jax.Array) -> jax.Array:
 
 
 GRASP_REACH = 0.32
+REACH_PER_TARGET = 2.0
 
 
 def environment_reward(state: PhysicsState, constants: Reward) -> jax.Array:
@@ -202,7 +204,8 @@ def environment_reward(state: PhysicsState, constants: Reward) -> jax.Array:
     progress = jnp.sum(state.initial_distance - jnp.where(placed, 0.0, distance))
     distractors = inside[NUM_TARGETS:].sum()
     to_target = jnp.linalg.norm(poses[:NUM_TARGETS, :2] - grasp_point(state.qpos), axis=-1)
-    reach = jnp.where(placed.all(), 0.0, jnp.min(jnp.where(placed, jnp.inf, to_target)))
+    nearest = jnp.where(placed.all(), 0.0, jnp.min(jnp.where(placed, jnp.inf, to_target)))
+    reach = nearest + REACH_PER_TARGET * jnp.maximum(jnp.sum(~placed) - 1, 0)
     potential = progress - distractors - constants.time_penalty - constants.reach * reach
     return constants.scale * jnp.tanh(potential / NUM_TARGETS)
 

@@ -92,35 +92,42 @@ class Random:
 
 @dataclass(frozen=True)
 class Training:
-    """What policies are trained on: the layout of interest, and easier or more varied starts.
+    """What policies are trained on: the layout of interest, and starts part of the way to the goal.
 
-    A share `random` of the episodes starts with the robot anywhere; in these each target lies, with equal chance,
-    where the layout has it, anywhere, or already inside the region; and in half of them the robot already holds one
-    target that is not placed. Knows nothing of demonstrations.
+    In a share `varied` of the episodes one target is in focus. It lies where the layout has it or anywhere, the other
+    one where the layout has it or already inside the region, with equal chances; and the robot starts anywhere, in
+    front of the target in focus, or holding it, again with equal chances. Knows nothing of demonstrations.
     """
 
     base: Layout
-    random: float = 0.6
+    varied: float = 0.7
 
     def sample(self, key: jax.Array) -> jax.Array:
-        base_key, random_key, mix_key, goal_key, hold_key = jax.random.split(key, 5)
+        base_key, random_key, share_key, focus_key, choice_key, place_key, robot_key = jax.random.split(key, 7)
         base, scattered = self.base.sample(base_key), Random().sample(random_key)
-        mix = jax.random.uniform(mix_key, (5,))
-        base_blocks, random_blocks = base[5:].reshape(5, 3), scattered[5:].reshape(5, 3)
+        blocks, random_blocks = base[5:].reshape(5, 3), scattered[5:].reshape(5, 3)
+        in_focus = jnp.arange(2) == jax.random.randint(focus_key, (), 0, 2)
+        focus_anywhere, other_placed = jax.random.bernoulli(choice_key, shape=(2,))
 
-        where = mix[1:3, None]
         west, east, south, north = geometry.REGION
-        placed = jax.random.uniform(goal_key, (2, 2), minval=jnp.array([west, south]), maxval=jnp.array([east, north]))
-        placed = jnp.concatenate([placed, random_blocks[:2, 2:]], axis=-1)
-        targets = jnp.where(where < 1 / 3, base_blocks[:2], jnp.where(where < 2 / 3, random_blocks[:2], placed))
+        placed = jax.random.uniform(place_key, (2,), minval=jnp.array([west, south]), maxval=jnp.array([east, north]))
+        replaced = jnp.where(in_focus[:, None], random_blocks[:2], random_blocks[:2].at[:, :2].set(placed))
+        targets = jnp.where(jnp.where(in_focus, focus_anywhere, other_placed)[:, None], replaced, blocks[:2])
+        robot, opening = _approach(robot_key, scattered[:3], jnp.where(in_focus[0], targets[0], targets[1]))
+        varied = pack(robot, opening * scattered[3:5], jnp.concatenate([targets, blocks[2:]]))
+        return jnp.where(jax.random.uniform(share_key) < self.varied, varied, base)
 
-        robot, fingers = scattered[:3], scattered[3:5]
-        held = (jax.random.uniform(hold_key) < 0.5).astype(jnp.int32)
-        holds = (mix[3] < 0.5) & (mix[1 + held] < 2 / 3)
-        position = robot[:2] + HELD_REACH * geometry.heading(robot[2])
-        holds &= jnp.all(jnp.abs(position) < ARENA_HALF - BLOCK_SIZE)
-        targets = jnp.where(holds & (jnp.arange(2) == held)[:, None], jnp.append(position, robot[2]), targets)
-        fingers = jnp.where(holds, HELD_OPENING / FINGER_OPEN, 1.0) * fingers
 
-        varied = pack(robot, fingers, jnp.concatenate([targets, base_blocks[2:]]))
-        return jnp.where(mix[0] < self.random, varied, base)
+def _approach(key: jax.Array, robot: jax.Array, block: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """The robot (3,) where it is, facing the block (3,) from nearby, or holding it, and its fingers' opening ()."""
+    kind_key, angle_key, distance_key, error_key = jax.random.split(key, 4)
+    kind = jax.random.randint(kind_key, (), 0, 3)
+    distance = jnp.where(kind == 1, jax.random.uniform(distance_key, minval=0.4, maxval=0.9), HELD_REACH)
+    error = jnp.where(kind == 1, jax.random.uniform(error_key, minval=-0.5, maxval=0.5), 0.0)
+    # Of a few directions the one that keeps the robot furthest from the walls.
+    angles = jax.random.uniform(angle_key, (_CANDIDATES,), minval=-math.pi, maxval=math.pi)
+    places = block[:2] - distance * jax.vmap(geometry.heading)(angles)
+    best = jnp.argmin(jnp.max(jnp.abs(places), axis=-1))
+    reach = ARENA_HALF - ROBOT_RADIUS
+    pose = jnp.append(jnp.clip(places[best], -reach, reach), angles[best] + error)
+    return jnp.where(kind == 0, robot, pose), jnp.where(kind == 2, HELD_OPENING / FINGER_OPEN, 1.0)

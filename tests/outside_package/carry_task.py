@@ -1,0 +1,135 @@
+"""A task in a package of its own, as a user would write one: small enough that a whole run takes seconds.
+
+A robot walks over a square picture to a block, and whoever touches the block carries it; the goal is a region.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from brax.envs.base import State
+
+from graphrl_jax.demonstrations import Demonstrations, reached_for_good
+from graphrl_jax.graph import ObjectTable
+from graphrl_jax.landscape import Grid, Landscape
+from graphrl_jax.task import Task
+
+GOAL = np.array([0.8, 0.3], np.float32)
+SPEED, TOUCH, SIZE = 0.08, 0.1, 0.1
+
+
+class Places(NamedTuple):
+    """Robot and block, (2,) each, in the picture."""
+
+    robot: jax.Array
+    block: jax.Array
+
+
+class Carry(Task):
+    name = "carry"
+    objects = ObjectTable(("region", "robot", "block"), (0, 1, 2), (False, True, False), ("region", "robot", "block"))
+    event_names = ("placed",)
+    episode_length = 30
+    frame_rate = 10.0
+    action_size = 2
+    observation_size = 4
+
+    def reset(self, rng: jax.Array) -> State:
+        robot, block = jax.random.uniform(rng, (2, 2), minval=0.1, maxval=0.4)
+        zero = jnp.zeros(())
+        places = Places(robot, block)
+        return State(places, jnp.concatenate(places), zero, zero, {"success": zero, "score": zero})
+
+    def step(self, state: State, action: jax.Array) -> State:
+        places = move(state.pipeline_state, action)
+        distance = jnp.linalg.norm(places.block - GOAL)
+        success = (distance < SIZE).astype(jnp.float32)
+        metrics = {**state.metrics, "success": success, "score": success}
+        return state.replace(pipeline_state=places, obs=jnp.concatenate(places), reward=-distance, metrics=metrics)
+
+    def boxes(self, state: State) -> tuple[jax.Array, jax.Array]:
+        return boxes(state.pipeline_state), jnp.ones(3, bool)
+
+    def events(self, state: State) -> jax.Array:
+        return jnp.linalg.norm(state.pipeline_state.block - GOAL, keepdims=True) < SIZE
+
+    def training(self) -> "Carry":
+        return self
+
+    def demonstrate(self, key: jax.Array, successes: int, failures: int = 0) -> Demonstrations:
+        kinds = np.arange(successes + failures) >= successes
+
+        def episode(key: jax.Array, fails: jax.Array) -> Places:
+            def step(places: Places, _: None) -> tuple[Places, Places]:
+                carrying = jnp.linalg.norm(places.robot - places.block) < TOUCH
+                target = jnp.where(carrying, GOAL, places.block)
+                action = jnp.where(fails, 0.0, (target - places.robot) / SPEED)
+                return move(places, action), places
+
+            return jax.lax.scan(step, self.reset(key).pipeline_state, length=self.episode_length)[1]
+
+        places = jax.jit(jax.vmap(episode))(jax.random.split(key, len(kinds)), kinds)
+        placed = np.linalg.norm(np.asarray(places.block) - GOAL, axis=-1)[..., None] < SIZE
+        return Demonstrations(
+            boxes=np.asarray(jax.vmap(jax.vmap(boxes))(places)),
+            mask=np.ones((*placed.shape[:2], 3), bool),
+            lengths=np.full(len(kinds), self.episode_length, np.int32),
+            success=~kinds,
+            objects=self.objects,
+            frame_rate=self.frame_rate,
+            source="scripted",
+            task=self.name,
+            events=reached_for_good(placed),
+            event_names=self.event_names,
+            kinds=np.where(kinds, "idle", "success"),
+        )
+
+    def landscape(self, key: jax.Array) -> Landscape:
+        places = np.asarray(jax.random.uniform(key, (64, 2), minval=0.1, maxval=0.9))
+        ticks = np.linspace(0.1, 0.9, 9, dtype=np.float32)
+        grid = np.stack(np.meshgrid(ticks, ticks), -1)
+        near = GOAL + np.linspace(-0.04, 0.04, 8, dtype=np.float32)[:, None]
+        active = np.array([False, False, True])
+
+        def scenes(blocks: np.ndarray) -> np.ndarray:
+            robot = np.broadcast_to(np.float32(0.2), blocks.shape)
+            return np.asarray(
+                jnp.vectorize(lambda r, b: boxes(Places(r, b)), signature="(2),(2)->(n,m)")(robot, blocks)
+            )
+
+        corners = GOAL + SIZE * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
+        inside = np.linalg.norm(grid - GOAL, axis=-1) < SIZE
+        return Landscape(
+            objects=self.objects,
+            mask=np.ones(3, bool),
+            grids=(Grid("block moved", scenes(grid), active, ticks, ticks, inside, corners, np.full(2, 0.2)),),
+            random_boxes=scenes(places),
+            random_active=np.broadcast_to(active, (64, 3)),
+            random_distance=np.linalg.norm(places - GOAL, axis=-1),
+            finished_boxes=scenes(near),
+            unfinished_boxes=scenes(near - 0.4),
+            pair_active=active,
+        )
+
+    def draw_episode(
+        self, states: Places, boxes: np.ndarray, mask: np.ndarray, active: np.ndarray, rewards: np.ndarray, label: str
+    ) -> np.ndarray:
+        frames = np.full((len(rewards), 64, 64, 3), 255, np.uint8)
+        for frame, (x, y) in zip(frames, np.asarray(states.block), strict=True):
+            row, column = (int(np.clip(64 * place, 2, 61)) for place in (y, x))
+            frame[row - 2 : row + 3, column - 2 : column + 3] = (0, 128, 0)
+        return frames
+
+
+def move(places: Places, action: jax.Array) -> Places:
+    """Walks, and takes the block along if it is touched."""
+    way = SPEED * jnp.clip(action, -1.0, 1.0)
+    touches = jnp.linalg.norm(places.robot - places.block) < TOUCH
+    return Places(jnp.clip(places.robot + way, 0, 1), jnp.clip(places.block + touches * way, 0, 1))
+
+
+def boxes(places: Places) -> jax.Array:
+    """Boxes of region, robot and block: (3, 4)."""
+    centres = jnp.stack([jnp.asarray(GOAL), *places])
+    return jnp.concatenate([centres, jnp.full((3, 2), SIZE)], axis=-1)
