@@ -12,11 +12,8 @@ length 1 in front of every array, and that is what stands in for it here.
 """
 
 import os
-import shlex
-import sys
 import time
 from dataclasses import dataclass, replace
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -31,12 +28,13 @@ from brax.training.agents.ppo.losses import PPONetworkParams
 from brax.training.agents.ppo.networks import make_ppo_networks
 from brax.training.networks import ACTIVATION
 
+from benchmarks.context import measured_on
 from graphrl_jax import ppo
 from graphrl_jax.compilation import configure
 from graphrl_jax.evaluation import evaluate
 from graphrl_jax.policy import make_networks
 from graphrl_jax.ppo_config import PPOConfig, PPOHyper
-from graphrl_jax.runs import device, versions, write_json
+from graphrl_jax.runs import write_json
 
 CONFIG = PPOConfig(
     num_envs=128,
@@ -236,14 +234,11 @@ def main() -> None:
             "deviation_over_seeds": {name: curve.std(0, ddof=1).tolist() for name, curve in curves.items()},
             "curves": {name: curve.tolist() for name, curve in curves.items()},
             "seeds": seeds,
-            "command": shlex.join(["python", "-m", "benchmarks.brax_ppo_parity", *sys.argv[1:]]),
             "config": vars(CONFIG),
             "hyper": vars(HYPER),
             "evaluation_episodes": EVALUATION_EPISODES,
-            "device": device(),
-            "versions": versions(),
+            **measured_on("brax_ppo_parity"),
             "seconds": time.perf_counter() - started,
-            "date": datetime.now(UTC).isoformat(timespec="seconds"),
         },
     )
     print(f"{comparison['verdict']}: {comparison}; written to {options.out}")

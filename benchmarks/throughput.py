@@ -13,16 +13,10 @@ The first call of each is timed apart (it traces and compiles), then the four ta
 machine does weighs on all of them. What counts are the ratios of the medians.
 """
 
-import os
-import platform
-import shlex
 import statistics
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -34,11 +28,12 @@ from mujoco import mjx
 from rich.console import Console
 from rich.table import Table
 
+from benchmarks.context import measured_on
 from graphrl_jax import encoder, ppo
 from graphrl_jax.compilation import configure, jit_physics
 from graphrl_jax.ppo_config import PPOConfig, PPOHyper
 from graphrl_jax.reward import RewardModel
-from graphrl_jax.runs import device, versions, write_json
+from graphrl_jax.runs import write_json
 from graphrl_jax.wrappers import EnvironmentReward, GraphReward
 from tasks.match_regions.env import MatchRegions, PhysicsState
 
@@ -168,20 +163,15 @@ def main() -> None:
     """Measures, prints the table and writes the JSON."""
     options = tyro.cli(Options, description=__doc__)
     compile_log = configure()
-    load = os.getloadavg()[0]
+    where = measured_on("throughput")  # before anything else loads the machine
     results = summarise(options, *measure(build_programs(options, jax.random.key(0)), options.repeats))
     context = {
-        "command": shlex.join(["python", "-m", "benchmarks.throughput", *sys.argv[1:]]),
         "num_envs": options.num_envs,
         "steps": options.steps,
         "repeats": options.repeats,
         "substeps": MatchRegions().physics.substeps,
-        "device": device(),
-        "hardware": {"machine": platform.machine(), "cpu_count": os.cpu_count(), "load_before": load},
         "compilation_cache": compile_log.cache,
-        "versions": versions(),
-        "commit": _commit(),
-        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+        **where,
     }
     write_json(options.out, {**results, **context})
     _print(options, results, context)
@@ -208,17 +198,6 @@ def _seconds(program: Program) -> float:
     start = time.perf_counter()
     jax.block_until_ready(program())
     return time.perf_counter() - start
-
-
-def _commit() -> str:
-    """The commit measured, marked "-dirty" if files have changed since; "unknown" outside a repository."""
-    command = ["git", "describe", "--always", "--dirty", "--abbrev=40"]
-    folder = Path(__file__).parent
-    try:
-        answer = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
-    except OSError:
-        return "unknown"
-    return answer.stdout.strip() or "unknown"
 
 
 if __name__ == "__main__":

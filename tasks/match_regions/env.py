@@ -71,7 +71,7 @@ class Reward:
 
     scale: float = 10.0
     time_penalty: float = 0.1
-    reach: float = 0.5
+    reach: float = 0.75
 
 
 class MatchRegions(Task):
@@ -192,7 +192,7 @@ def grasp_point(qpos: jax.Array) -> jax.Array:
 
 
 GRASP_REACH = 0.32
-REACH_PER_TARGET = 2.0
+REACH_PER_TARGET = 1.5
 
 
 def environment_reward(state: PhysicsState, constants: Reward) -> jax.Array:

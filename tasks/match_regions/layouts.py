@@ -96,7 +96,7 @@ class Training:
 
     In a share `varied` of the episodes one target is in focus. It lies where the layout has it or anywhere, the other
     one where the layout has it or already inside the region, with equal chances; and the robot starts anywhere, in
-    front of the target in focus, or holding it, again with equal chances. Knows nothing of demonstrations.
+    front of one of the two, or holding it, again with equal chances. Knows nothing of demonstrations.
     """
 
     base: Layout
@@ -107,13 +107,13 @@ class Training:
         base, scattered = self.base.sample(base_key), Random().sample(random_key)
         blocks, random_blocks = base[5:].reshape(5, 3), scattered[5:].reshape(5, 3)
         in_focus = jnp.arange(2) == jax.random.randint(focus_key, (), 0, 2)
-        focus_anywhere, other_placed = jax.random.bernoulli(choice_key, shape=(2,))
+        focus_anywhere, other_placed, at_focus = jax.random.bernoulli(choice_key, shape=(3,))
 
         west, east, south, north = geometry.REGION
         placed = jax.random.uniform(place_key, (2,), minval=jnp.array([west, south]), maxval=jnp.array([east, north]))
         replaced = jnp.where(in_focus[:, None], random_blocks[:2], random_blocks[:2].at[:, :2].set(placed))
         targets = jnp.where(jnp.where(in_focus, focus_anywhere, other_placed)[:, None], replaced, blocks[:2])
-        robot, opening = _approach(robot_key, scattered[:3], jnp.where(in_focus[0], targets[0], targets[1]))
+        robot, opening = _approach(robot_key, scattered[:3], jnp.where(in_focus[0] == at_focus, targets[0], targets[1]))
         varied = pack(robot, opening * scattered[3:5], jnp.concatenate([targets, blocks[2:]]))
         return jnp.where(jax.random.uniform(share_key) < self.varied, varied, base)
 

@@ -1,0 +1,34 @@
+"""What every result file says about how it came about."""
+
+import os
+import platform
+import shlex
+import subprocess
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from graphrl_jax.runs import device, versions
+
+
+def measured_on(benchmark: str) -> dict[str, Any]:
+    """Command, commit, hardware, versions and date of a measurement by `benchmarks.<benchmark>`."""
+    return {
+        "command": shlex.join(["python", "-m", f"benchmarks.{benchmark}", *sys.argv[1:]]),
+        "commit": _commit(),
+        "device": device(),
+        "hardware": {"machine": platform.machine(), "cpu_count": os.cpu_count(), "load": os.getloadavg()[0]},
+        "versions": versions(),
+        "date": datetime.now(UTC).isoformat(timespec="seconds"),
+    }
+
+
+def _commit() -> str:
+    """The commit measured, marked "-dirty" if files have changed since; "unknown" outside a repository."""
+    command = ["git", "describe", "--always", "--dirty", "--abbrev=40"]
+    try:
+        answer = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+    except OSError:
+        return "unknown"
+    return answer.stdout.strip() or "unknown"
