@@ -9,7 +9,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from graphrl_jax.compilation import jit_physics
 from tasks.match_regions import env, geometry, layouts
+from tasks.match_regions.expert import FAILURES
 from tasks.match_regions.model import CONTROL_DT, FINGER_OPEN, Physics, build_model
 
 TRUTH = Path(os.environ.get("GRAPHRL_DATA", Path(__file__).parents[2] / "shared" / "data"))
@@ -144,15 +146,49 @@ def test_environment_reward_by_hand() -> None:
     assert float(env.environment_reward(moved, task.reward)) == pytest.approx(expected, abs=1e-4)
 
 
-def test_reach_term_is_the_distance_to_the_nearest_unplaced_target() -> None:
+def reach_term(qpos: np.ndarray) -> float:
+    """What the reach term takes from the potential p at a coefficient of 0.25, divided by it."""
     state = env.MatchRegions().reset(jax.random.key(0)).pipeline_state
-    qpos = jnp.asarray(placed(np.array(state.qpos), 0, 0.4, 0.35))  # only the square is left
-    state = state._replace(qpos=qpos)
-    with_reach = env.environment_reward(state, env.Reward(reach=0.25))
-    without = env.environment_reward(state, env.Reward(reach=0.0))
-    distance = float(jnp.linalg.norm(env.blocks(qpos)[1, :2] - env.grasp_point(qpos)))
-    difference = 2 * (np.arctanh(float(without) / 10) - np.arctanh(float(with_reach) / 10))
-    assert difference == pytest.approx(0.25 * distance, abs=1e-3)
+    state = state._replace(qpos=jnp.asarray(qpos))
+    rewards = [float(env.environment_reward(state, env.Reward(reach=reach))) / 10 for reach in (0.0, 0.25)]
+    return 2 * (np.arctanh(rewards[0]) - np.arctanh(rewards[1])) / 0.25
+
+
+def test_reach_term_by_hand() -> None:
+    none_placed = demo_qpos()
+    grasp = np.asarray(env.grasp_point(none_placed))
+    to_star, to_square = (np.hypot(*(place - grasp)) for place in (none_placed[5:7], none_placed[8:10]))
+    assert reach_term(none_placed) == pytest.approx(min(to_star, to_square) + env.REACH_PER_TARGET, abs=0.01)
+    star_placed = placed(none_placed, 0, 0.4, 0.35)
+    assert reach_term(star_placed) == pytest.approx(to_square, abs=0.01)
+    assert reach_term(placed(star_placed, 1, 0.3, 0.3)) == pytest.approx(0.0, abs=0.01)
+
+
+def test_mjx_moves_as_mujoco_does() -> None:
+    """Free motion, gripping, dragging and letting go; the two solve the same problem with different arithmetic."""
+    task = env.MatchRegions()
+    start = alone((0.0, 0.3, 0.0), (0.05, 0.625))
+    commands = [(0.0, 0.0, False)] * 3 + [(-0.6, 0.5, False)] * 5 + [(0.0, 0.0, True)] * 2 + [(-0.6, 0.0, True)] * 4
+    state = task.reset(jax.random.key(0)).pipeline_state
+    state = state._replace(qpos=jnp.asarray(start))
+    advance = jit_physics(task.advance)
+    for speed, turn, is_open in commands:
+        share = speed / (env.FORWARD_SPEED if speed > 0 else env.BACKWARD_SPEED)
+        state = advance(state, jnp.array([share, turn / env.TURN_RATE, 1.0 if is_open else -1.0]))
+    found, expected = np.asarray(state.qpos), simulate(start, commands)
+    assert np.linalg.norm(expected[5:7] - start[5:7]) > 0.2
+    np.testing.assert_allclose(found, expected, atol=0.02)
+
+
+def test_expert_demonstrates_successes_and_every_kind_of_failure() -> None:
+    demos = env.MatchRegions().demonstrate(jax.random.key(0), successes=6, failures=5)
+    assert list(demos.kinds) == ["success"] * 6 + list(FAILURES)
+    assert demos.success.tolist() == [True] * 6 + [False] * 5
+    both = demos.events[:, list(demos.event_names).index("both_placed")]
+    assert (both[:6] > 0).all() and (both[:6] < demos.lengths[:6]).all() and (both[6:] == -1).all()
+    assert (demos.lengths[:6] < 121).sum() >= 3 and demos.lengths[-1] == 121
+    star_first = demos.events[:6, 0] < demos.events[:6, 1]
+    assert 0 < star_first.sum() < 6
 
 
 def test_demo_layout_is_the_recorded_one_up_to_its_jitter() -> None:

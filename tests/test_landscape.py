@@ -1,0 +1,74 @@
+"""The audit: its shares by hand, on a reward whose values are known."""
+
+from dataclasses import dataclass, replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from synthetic import OBJECTS, demonstrations
+
+from graphrl_jax import landscape
+from graphrl_jax.landscape import Grid, Landscape, audit, pair_accuracy, share_above, trajectory_scores
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Nearness:
+    """Stands in for a learned reward: minus the distance of the block (slot 1) to a place."""
+
+    place: jax.Array
+
+    def apply(self, graph) -> jax.Array:
+        return -jnp.linalg.norm(graph.boxes[1, :2] - self.place)
+
+
+def scenes(blocks: np.ndarray) -> np.ndarray:
+    """Boxes (..., 4, 4) with the block's centre at `blocks` (..., 2)."""
+    boxes = np.full((*blocks.shape[:-1], 4, 4), 0.1, np.float32)
+    boxes[..., 1, :2] = blocks
+    return boxes
+
+
+@pytest.fixture
+def carry() -> Landscape:
+    x, y = np.linspace(0, 1, 5, dtype=np.float32), np.linspace(0, 1, 3, dtype=np.float32)
+    places = np.stack(np.meshgrid(x, y), -1)
+    goal = np.array([0.75, 0.5])
+    random = np.random.default_rng(0).uniform(size=(30, 2)).astype(np.float32)
+    near = goal + np.array([[0.0, 0.01], [0.02, 0.0]])
+    active = np.array([True, True, False, False])
+    inside = np.linalg.norm(places - goal, axis=-1) < 0.2
+    grid = Grid("block", scenes(places), active, x, y, inside, np.zeros((4, 2)), np.zeros(2))
+    return Landscape(
+        OBJECTS, np.array([True, True, True, False]), (grid,), scenes(random), np.broadcast_to(active, (30, 4)),
+        np.linalg.norm(random - goal, axis=-1), scenes(near), scenes(near - 0.5), active,
+    )  # fmt: skip
+
+
+def test_a_perfect_reward_passes_and_a_misplaced_one_fails(carry):
+    perfect = audit(Nearness(jnp.array([0.75, 0.5])), carry)
+    assert perfect.numbers() == {"pair_accuracy": 1.0, "finished_above_unfinished": 1.0, "maxima_inside": 1.0}
+    np.testing.assert_allclose(perfect.grids[0].maximum, [0.75, 0.5])
+    assert perfect.grids[0].values.shape == (3, 5)
+    misplaced = audit(Nearness(jnp.array([0.0, 0.0])), carry)
+    assert misplaced.maxima_inside == misplaced.finished_above_unfinished == 0.0
+    assert misplaced.pair_accuracy < 0.6
+
+
+def test_shares_by_hand():
+    # Pairs: (0, 1) in order, (0, 2) tied in the values, (1, 2) in the wrong order; (2, 3) has no true order.
+    assert pair_accuracy(np.array([1.0, 2.0, 1.0, 9.0]), np.array([1.0, 2.0, 3.0, 3.0])) == pytest.approx(3.5 / 5)
+    assert share_above(np.array([1.0, 3.0]), np.array([1.0, 2.0])) == pytest.approx((0.5 + 0 + 1 + 1) / 4)
+
+
+def test_trajectories_are_held_to_the_longest_ones_end(monkeypatch):
+    demos = demonstrations(num=3, num_frames=5)
+    demos = replace(demos, lengths=np.array([5, 3, 2], np.int32), success=np.array([True, True, False]))
+    rewards = np.array([[-3, -2, -1, -1, 0], [-1, -1, -1, 99, 99], [-1, -2, 99, 99, 99]], np.float32)
+    monkeypatch.setattr(landscape, "demonstration_rewards", lambda model, demos: rewards)
+    report = trajectory_scores(None, demos, discount=0.5)
+    assert report["by_kind"]["success"]["undiscounted"] == pytest.approx((-7 - 5) / 2)
+    assert report["by_kind"]["failure"]["undiscounted"] == pytest.approx(-1 - 2 * 4)
+    assert report["by_kind"]["failure"]["discounted"] == pytest.approx(-1 - 2 * (0.5 + 0.25 + 0.125 + 0.0625))
+    assert report["successes_above"] == {"undiscounted": 1.0, "discounted": 0.5}
