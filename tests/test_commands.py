@@ -1,5 +1,7 @@
 """The commands end to end, on a task that lives in a package outside the repository."""
 
+import contextlib
+import io
 import json
 import os
 import signal
@@ -15,7 +17,7 @@ from graphrl_jax.demonstrations import load
 
 REPOSITORY = Path(__file__).parents[1]
 OUTSIDE_PACKAGE = Path(__file__).parent / "outside_package"
-TRAIN = ["train.py", "--task", "carry", "--preset", "smoke"]
+TRAIN = ["--task", "carry", "--preset", "smoke"]
 
 # Dies without a word as soon as the file named first has been written.
 DIES_AFTER = """
@@ -31,32 +33,30 @@ cli.train_main(sys.argv[2:])
 """
 
 
-@pytest.fixture(scope="session")
-def command(tmp_path_factory):
-    """Runs Python in the repository with the outside package installed; programs compiled once are shared."""
-    paths = [str(REPOSITORY), str(OUTSIDE_PACKAGE)]
-    environment = {
-        **os.environ,
-        "PYTHONPATH": os.pathsep.join(paths),
-        "JAX_COMPILATION_CACHE_DIR": str(tmp_path_factory.mktemp("cache")),
-        "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
-        "JAX_DISABLE_MOST_OPTIMIZATIONS": "1",
-    }
-
-    def run(*args: object) -> subprocess.CompletedProcess:
-        return subprocess.run(
-            [sys.executable, *map(str, args)], cwd=REPOSITORY, env=environment, capture_output=True, text=True
-        )
-
-    return run
+def call(main, *arguments: object) -> dict:
+    """Runs a command in this process; returns the one JSON line that it prints."""
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        main([str(argument) for argument in arguments])
+    (line,) = printed.getvalue().splitlines()
+    return json.loads(line)
 
 
-@pytest.fixture(scope="session")
-def finished(command, tmp_path_factory):
+@pytest.fixture(scope="module", autouse=True)
+def outside_package(tmp_path_factory):
+    """The package is found as if it had been installed; programs compiled once are shared with other processes."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(OUTSIDE_PACKAGE)
+        patch.setenv("PYTHONPATH", os.pathsep.join([str(REPOSITORY), str(OUTSIDE_PACKAGE)]))
+        patch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
+        patch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
+        yield
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory):
     """A run that was never interrupted."""
     out = tmp_path_factory.mktemp("runs") / "finished"
-    result = command(*TRAIN, "--out", out)
-    assert result.returncode == 0, result.stderr
+    call(cli.train_main, *TRAIN, "--out", out)
     return out
 
 
@@ -94,13 +94,12 @@ def test_a_run_directory_holds_everything(finished):
 
 
 @pytest.mark.parametrize("file", ["encoder.npz", "train_state.npz"])
-def test_a_killed_run_resumes_to_the_same_numbers(command, finished, tmp_path, file):
+def test_a_killed_run_resumes_to_the_same_numbers(finished, tmp_path, file):
     out = tmp_path / "killed"
-    killed = command("-c", DIES_AFTER, file, *TRAIN[1:], "--out", out)
+    killed = subprocess.run([sys.executable, "-c", DIES_AFTER, file, *TRAIN, "--out", out], stderr=subprocess.PIPE)
     assert killed.returncode == -signal.SIGKILL, killed.stderr
     assert not (out / "summary.json").exists()
-    resumed = command("train.py", "--out", out, "--resume")
-    assert resumed.returncode == 0, resumed.stderr
+    call(cli.train_main, "--out", out, "--resume")
     assert numbers(out) == numbers(finished)
     expected, found = arrays(finished / "train_state.npz"), arrays(out / "train_state.npz")
     assert expected.keys() == found.keys()
@@ -108,35 +107,35 @@ def test_a_killed_run_resumes_to_the_same_numbers(command, finished, tmp_path, f
         np.testing.assert_array_equal(found[name], array, err_msg=name)
 
 
-def test_evaluate_prints_one_json_line_and_writes_a_video(command, finished):
-    results = [command("-m", "graphrl_jax", "evaluate", finished, "--episodes", 16, "--seed", 3) for _ in range(2)]
-    first, second = (json.loads(result.stdout) for result in results)
+def test_evaluate_prints_one_json_line_and_writes_a_video(finished):
+    arguments = ["evaluate", finished, "--episodes", 16, "--seed", 3]
+    first, second = call(cli.main, *arguments), call(cli.main, *arguments, "--video-episodes", 0)
     assert first == second
     assert first.keys() == {"success_rate", "mean_score", "episodes", "mean_return", "seed"}
     assert (first["episodes"], first["seed"]) == (16, 3)
     assert (finished / "evaluation_3.mp4").stat().st_size > 1000
 
 
-def test_demonstrations_and_encoder_alone(command, tmp_path):
-    file, out = tmp_path / "demos.npz", tmp_path / "encoder"
-    made = command("-m", "graphrl_jax", "demos", "--task", "carry", "--num", 6, "--failures", 2, "--out", file)
-    assert made.returncode == 0, made.stderr
-    demos = load(file)
+def test_a_command_prints_nothing_but_its_line(tmp_path):
+    """In a process of its own: what libraries print while they are imported counts too."""
+    command = [sys.executable, "-m", "graphrl_jax", "demos", "--task", "carry", "--out", tmp_path / "demos.npz"]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert json.loads(printed)["demonstrations"] == 64
+
+
+def test_demonstrations_and_encoder_alone(demos_file, tmp_path):
+    demos, out = load(demos_file), tmp_path / "encoder"
     assert (len(demos), int(demos.success.sum()), demos.task) == (8, 6, "carry")
-    before = file.read_bytes()
-    again = command("-m", "graphrl_jax", "demos", "--task", "carry", "--out", file)
-    assert (again.returncode, file.read_bytes()) == (2, before)
-    trained = command("-m", "graphrl_jax", "pretrain", "--demos", file, "--out", out, "--steps", 20)
-    assert trained.returncode == 0, trained.stderr
+    call(cli.main, "pretrain", "--demos", demos_file, "--out", out, "--steps", 20)
     summary = json.loads((out / "summary.json").read_text())
     assert set(summary["trajectory_scores"]["by_kind"]) == {"success", "idle"}
     assert (out / "encoder.npz").exists() and (out / "figures" / "landscape.png").exists()
 
 
-@pytest.fixture(scope="session")
-def demos_file(command, tmp_path_factory):
+@pytest.fixture(scope="module")
+def demos_file(tmp_path_factory):
     file = tmp_path_factory.mktemp("demos") / "demos.npz"
-    assert command("-m", "graphrl_jax", "demos", "--task", "carry", "--num", 4, "--out", file).returncode == 0
+    call(cli.main, "demos", "--task", "carry", "--num", 6, "--failures", 2, "--out", file)
     return file
 
 
@@ -186,6 +185,12 @@ def test_a_folder_that_holds_another_run_is_left_alone(capsys, finished):
     before = {path: path.read_bytes() for path in finished.rglob("*") if path.is_file()}
     assert str(finished) in rejected(capsys, ["--out", finished])
     assert {path: path.read_bytes() for path in finished.rglob("*") if path.is_file()} == before
+
+
+def test_demonstrations_are_not_overwritten(capsys, demos_file):
+    before = demos_file.read_bytes()
+    message = rejected(capsys, ["demos", "--task", "carry", "--out", demos_file], main=cli.main)
+    assert str(demos_file) in message and demos_file.read_bytes() == before
 
 
 def test_evaluating_what_is_no_run_is_one_sentence(capsys, tmp_path):
