@@ -1,6 +1,6 @@
 """Steps per second of training, beside the physics that it cannot do without.
 
-    python -m benchmarks.throughput [--num-envs 1024] [--steps 32] [--repeats 3] [--out FILE]
+    python -m benchmarks.throughput [--num-envs 1024] [--steps 16] [--repeats 3] [--out FILE]
 
 In one process, on the same batch, in environment (control) steps per second:
 
@@ -55,7 +55,7 @@ class Options:
     """
 
     num_envs: int = 1024
-    steps: int = 32
+    steps: int = 16
     repeats: int = 3
     out: Path = Path("benchmarks/results/throughput.json")
 

@@ -27,7 +27,7 @@ class PPOConfig:
     """
 
     num_envs: int = 1024
-    unroll_length: int = 32
+    unroll_length: int = 16
     num_epochs: int = 4
     num_minibatches: int = 8
     episode_length: int = 120
@@ -72,12 +72,12 @@ class PPOHyper:
     """
 
     learning_rate: jax.Array | float = 1e-3
-    final_learning_rate: jax.Array | float = 1e-4
+    final_learning_rate: jax.Array | float = 3e-4
     decay_updates: jax.Array | float = 100.0
-    discount: jax.Array | float = 0.99
+    discount: jax.Array | float = 0.98
     gae_lambda: jax.Array | float = 0.95
     clip: jax.Array | float = 0.2
-    entropy_cost: jax.Array | float = 0.005
+    entropy_cost: jax.Array | float = 0.01
     value_cost: jax.Array | float = 0.5
     max_grad_norm: jax.Array | float = 0.5
     reward_scaling: jax.Array | float = 1.0
