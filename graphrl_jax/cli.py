@@ -210,20 +210,30 @@ def pretrain(request: Pretrain) -> None:
 def evaluate(request: Evaluate) -> None:
     """See `Evaluate`."""
     compilation.configure()
-    run = Run(request.run)
-    settings = _settings(run)
     if request.episodes < 1:
         raise ValueError(f"--episodes is {request.episodes}; allowed: 1 or more")
+    run = Run(request.run)
+    trained = _load(run)
+    outcome = pipeline.evaluate_policy(*trained, request.episodes, request.seed)
+    if request.video_episodes:
+        video = request.out or run.path / f"evaluation_{request.seed}.mp4"
+        _show_policy(run, *trained, request.seed, request.video_episodes, video)
+    print(json.dumps(outcome))
+
+
+def evaluate_run(run: Run, episodes: int, seed: int) -> dict[str, Any]:
+    """Success rate, mean score and mean return of a finished run's policy; see `pipeline.evaluate_policy`."""
+    return pipeline.evaluate_policy(*_load(run), episodes, seed)
+
+
+def _load(run: Run) -> tuple[Task, Settings, Any, Any]:
+    """Task, settings, reward parameters and policy of a run's directory."""
+    settings = _settings(run)
     task = make_task(settings.task)
     reward_params: Any = np.float32(settings.pretrain.tau)
     if settings.reward != "env":
         reward_params = pipeline.load_reward(run, settings, task)
-    policy = pipeline.load_policy(run, task, settings, reward_params)
-    outcome = pipeline.evaluate_policy(task, settings, reward_params, policy, request.episodes, request.seed)
-    if request.video_episodes:
-        video = request.out or run.path / f"evaluation_{request.seed}.mp4"
-        _show_policy(run, task, settings, reward_params, policy, request.seed, request.video_episodes, video)
-    print(json.dumps(outcome))
+    return task, settings, reward_params, pipeline.load_policy(run, task, settings, reward_params)
 
 
 def _started(request: Train) -> tuple[Run, Settings]:
