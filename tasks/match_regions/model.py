@@ -1,7 +1,7 @@
 """The planar MuJoCo scene of Match Regions, in MAGICAL's arena units (one unit is half the arena's side).
 
 Everything moves in the plane z = 0 and is seen from above. Blocks collide as discs of their nominal size, which
-keeps every contact a sphere-sphere or sphere-capsule pair; their drawn outlines (`shapes.py`) give the boxes.
+keeps every contact a sphere-sphere or sphere-capsule pair; their drawn outlines (`geometry.py`) give the boxes.
 Sub-steps, solver and contact limits were chosen with `benchmarks/physics_settings.py`.
 """
 
