@@ -303,7 +303,7 @@ def _show_policy(
         task.event_names,
         task.frame_rate,
         run.figures / "reward_on_rollouts.png",
-        "Reward on the policy's own episodes",
+        f"Reward ({settings.reward}) on the policy's own episodes",
     )
 
 

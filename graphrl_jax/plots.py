@@ -70,7 +70,7 @@ def reward_over_time(
     path: str | Path,
     title: str,
 ) -> None:
-    """The learned reward along episodes, one line each, with the true events marked on it.
+    """The reward along episodes, one line each, with the true events marked on it.
 
     Args:
       rewards: (B, T) float.
@@ -83,7 +83,7 @@ def reward_over_time(
     """
     figure = Figure(figsize=(9, 4.5), dpi=DPI)
     axes = figure.subplots()
-    axes.set(title=title, xlabel="time (s)", ylabel="learned reward")
+    axes.set(title=title, xlabel="time (s)", ylabel="reward")
     _plain(axes)
     for episode, length in zip(rewards, lengths, strict=True):
         axes.plot(np.arange(length) / frame_rate, episode[:length], color="0.55", linewidth=0.8, alpha=0.7, zorder=1)
@@ -94,7 +94,8 @@ def reward_over_time(
             frames[happened] / frame_rate,
             rewards[happened, frames[happened]],
             marker="|",
-            s=160,
+            # Events that coincide stay visible: the later in the list, the shorter.
+            s=160 * (len(event_names) - index),
             linewidths=1.8,
             color=EVENT_COLOURS[index % len(EVENT_COLOURS)],
             label=f"{name.replace('_', ' ')} ({len(happened)} of {len(rewards)})",
