@@ -2,7 +2,8 @@
 
     python -m benchmarks.match_regions env runs/env_0 runs/env_1 runs/env_2
 
-Writes `benchmarks/results/match_regions_NAME.json` and, beside it, the learning curves as a PNG.
+Writes `benchmarks/results/match_regions_NAME.json` and, beside it, the learning curves and a few frames of the first
+run's video as PNGs.
 """
 
 import math
@@ -10,6 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import imageio.v3 as imageio
 import numpy as np
 import tyro
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -81,6 +83,13 @@ def learning_curves(runs: tuple[Path, ...], path: Path) -> None:
     write_atomically(path, FigureCanvasAgg(figure).print_png)
 
 
+def film_strip(run: Path, path: Path, frames: tuple[int, ...] = (4, 18, 34, 50, 110)) -> None:
+    """Frames of the first episode of a run's video, the scene alone, side by side."""
+    video = imageio.imread(run / "rollout.mp4")
+    scenes = [video[frame, :, : video.shape[2] // 2] for frame in frames]
+    write_atomically(path, lambda temporary: imageio.imwrite(temporary, np.concatenate(scenes, axis=1)))
+
+
 def main() -> None:
     """Evaluates, prints and writes."""
     options = tyro.cli(Options, description=__doc__)
@@ -89,6 +98,7 @@ def main() -> None:
     results = together(options)
     write_json(RESULTS / f"match_regions_{options.name}.json", {**results, **where})
     learning_curves(options.runs, RESULTS / f"match_regions_{options.name}.png")
+    film_strip(options.runs[0], RESULTS / f"match_regions_{options.name}_rollout.png")
     print({name: results[name] for name in ("success_rate", "success_interval_95", "mean_score")})
 
 

@@ -75,7 +75,10 @@ class Jitter(Demo):
 
 @dataclass(frozen=True)
 class Random:
-    """Robot and blocks anywhere, without overlap where six tries find such a place; angles uniform."""
+    """MAGICAL's Layout variant with the region left in place: robot and blocks anywhere, angles uniform.
+
+    Free of overlap where six tries find such a place.
+    """
 
     def sample(self, key: jax.Array) -> jax.Array:
         place_key, angle_key = jax.random.split(key)
