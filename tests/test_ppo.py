@@ -27,7 +27,14 @@ CONFIG = PPOConfig(
     value_hidden=(16,),
     normalise_reward=False,
 )
-HYPER = PPOHyper(learning_rate=2e-2, final_learning_rate=1e-3, decay_updates=60.0, discount=0.5, max_grad_norm=10.0)
+HYPER = PPOHyper(
+    learning_rate=2e-2,
+    final_learning_rate=1e-3,
+    decay_updates=60.0,
+    discount=0.5,
+    entropy_cost=0.005,
+    max_grad_norm=10.0,
+)
 CHUNK = 20
 TRACES = []
 
