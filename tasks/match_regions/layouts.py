@@ -127,10 +127,10 @@ def _approach(key: jax.Array, robot: jax.Array, block: jax.Array) -> tuple[jax.A
     kind = jax.random.randint(kind_key, (), 0, 3)
     distance = jnp.where(kind == 1, jax.random.uniform(distance_key, minval=0.4, maxval=0.9), HELD_REACH)
     error = jnp.where(kind == 1, jax.random.uniform(error_key, minval=-0.5, maxval=0.5), 0.0)
-    # Of a few directions the one that keeps the robot furthest from the walls.
+    # Of a few directions the first that keeps the robot off the walls.
     angles = jax.random.uniform(angle_key, (_CANDIDATES,), minval=-math.pi, maxval=math.pi)
     places = block[:2] - distance * jax.vmap(geometry.heading)(angles)
-    best = jnp.argmin(jnp.max(jnp.abs(places), axis=-1))
     reach = ARENA_HALF - ROBOT_RADIUS
-    pose = jnp.append(jnp.clip(places[best], -reach, reach), angles[best] + error)
+    first = jnp.argmax(jnp.max(jnp.abs(places), axis=-1) <= reach)
+    pose = jnp.append(jnp.clip(places[first], -reach, reach), angles[first] + error)
     return jnp.where(kind == 0, robot, pose), jnp.where(kind == 2, HELD_OPENING / FINGER_OPEN, 1.0)
