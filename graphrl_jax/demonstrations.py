@@ -17,7 +17,7 @@ BOX_RANGE = (-0.5, 1.5)
 
 _TABLE_FIELDS = ("names", "class_ids", "is_robot", "class_names")
 _REQUIRED = ("boxes", "mask", "lengths", "success", *_TABLE_FIELDS, "frame_rate", "source", "task")
-_OPTIONAL = ("events", "event_names", "kinds", "frames")
+_OPTIONAL = ("is_fixture", "events", "event_names", "kinds", "frames")
 _PER_DEMONSTRATION = ("boxes", "mask", "lengths", "success", "events", "kinds", "frames")
 
 
@@ -113,6 +113,7 @@ class Demonstrations:
         entries["class_names"] = _text_array(self.objects.class_names)
         entries["class_ids"] = np.array(self.objects.class_ids, np.int32)
         entries["is_robot"] = np.array(self.objects.is_robot, bool)
+        entries["is_fixture"] = np.array(self.objects.is_fixture, bool)
 
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -219,13 +220,14 @@ def _from_entries(entries: dict[str, np.ndarray]) -> Demonstrations:
         if values[name].shape != ():
             raise DemonstrationError(f"{name} must be a single value, got shape {values[name].shape}")
         values[name] = values[name].item()
-    for name in (*_TABLE_FIELDS, "event_names"):
+    for name in (*_TABLE_FIELDS, "is_fixture", "event_names"):
         if name in values:
             if values[name].ndim != 1:
                 raise DemonstrationError(f"{name} must have one axis, got shape {values[name].shape}")
             values[name] = tuple(values[name].tolist())
     try:
-        objects = ObjectTable(**{name: values.pop(name) for name in _TABLE_FIELDS})
+        table = {name: values.pop(name) for name in (*_TABLE_FIELDS, "is_fixture") if name in values}
+        objects = ObjectTable(**table)
     except ValueError as error:
         raise DemonstrationError(str(error)) from error
     return Demonstrations(objects=objects, **values)

@@ -29,6 +29,7 @@ class ObjectTable:
     | class_ids   | (N,)  | int   | index into class_names                      |
     | is_robot    | (N,)  | bool  | the slot is the robot, or a part of it      |
     | class_names | (C,)  | str   | unique; a class may have no object          |
+    | is_fixture  | (N,)  | bool  | the slot belongs to the scenery, such as a goal region; none if left out |
 
     Raises:
       ValueError: a field has the wrong length, a wrong type or a value out of range; the message names it.
@@ -38,6 +39,7 @@ class ObjectTable:
     class_ids: tuple[int, ...]
     is_robot: tuple[bool, ...]
     class_names: tuple[str, ...]
+    is_fixture: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
         # Lists and numpy scalars are welcome; tuples of plain values keep the table hashable.
@@ -45,11 +47,13 @@ class ObjectTable:
         object.__setattr__(self, "class_ids", _plain("class_ids", self.class_ids, int))
         object.__setattr__(self, "is_robot", _plain("is_robot", self.is_robot, bool))
         object.__setattr__(self, "class_names", _plain("class_names", self.class_names, str))
+        fixtures = _plain("is_fixture", self.is_fixture, bool) or (False,) * self.num_slots
+        object.__setattr__(self, "is_fixture", fixtures)
         for field in ("names", "class_names"):
             values = getattr(self, field)
             if not values or len(set(values)) != len(values):
                 raise ValueError(f"ObjectTable.{field} must hold at least one name and no name twice, got {values}")
-        for field in ("class_ids", "is_robot"):
+        for field in ("class_ids", "is_robot", "is_fixture"):
             values = getattr(self, field)
             if len(values) != self.num_slots:
                 raise ValueError(
@@ -76,6 +80,10 @@ class ObjectTable:
     def robot_flags(self) -> jax.Array:
         """Whether each slot is the robot: (N,) bool."""
         return jnp.asarray(self.is_robot, dtype=bool)
+
+    def fixture_flags(self) -> jax.Array:
+        """Whether each slot belongs to the scenery: (N,) bool."""
+        return jnp.asarray(self.is_fixture, dtype=bool)
 
 
 def _plain(field: str, values: Sequence, kind: type) -> tuple:

@@ -17,9 +17,10 @@ import jax.numpy as jnp
 from jax.typing import ArrayLike
 
 from graphrl_jax import decoder, encoder, tcc
+from graphrl_jax.augment import Motion, motion, rearrange
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.encoder import EncoderConfig
-from graphrl_jax.graph import Graph, ObjectTable, activity, build_graph
+from graphrl_jax.graph import Graph, ObjectTable, build_graph
 from graphrl_jax.optimizer import AdamState, adam_init, adam_update, clip_by_global_norm, warmup_cosine
 
 Metrics = dict[str, jax.Array]
@@ -76,6 +77,8 @@ class PretrainHyper:
     | temperature           | of the TCC                                                     |
     | tcc_weight            | weight of the TCC in the loss                                  |
     | reconstruction_weight | weight of box error plus class cross-entropy in the loss       |
+    | rearranged            | share of demonstrations seen rearranged; 0 is the paper's way  |
+    | bumped                | chance that a rearrangement moves an object never moved        |
     """
 
     learning_rate: ArrayLike = 1e-3
@@ -89,6 +92,8 @@ class PretrainHyper:
     temperature: ArrayLike = 1.0
     tcc_weight: ArrayLike = 1.0
     reconstruction_weight: ArrayLike = 1.0
+    rearranged: ArrayLike = 1.0
+    bumped: ArrayLike = 0.2
 
 
 @jax.tree_util.register_dataclass
@@ -165,7 +170,7 @@ def sample_frames(key: jax.Array, length: ArrayLike, num_total: int, num_frames:
 
 
 def _sample_batch(
-    config: PretrainConfig, data: PretrainData, active: jax.Array, key: jax.Array
+    config: PretrainConfig, hyper: PretrainHyper, data: PretrainData, motions: Motion, key: jax.Array
 ) -> tuple[Graph, jax.Array, jax.Array]:
     """Graphs (b, F, ...), frame mask (b, F) and times (b, F) of b demonstrations with F frames each."""
     demonstration_key, frame_key = jax.random.split(key)
@@ -175,10 +180,16 @@ def _sample_batch(
 
     def sample(demonstration: jax.Array, key: jax.Array) -> tuple[Graph, jax.Array, jax.Array]:
         length = data.lengths[demonstration]
-        frames, mask = sample_frames(key, length, num_total, config.num_frames)
-        columns = (values[demonstration, frames] for values in (data.boxes, data.mask, active))
-        graphs = jax.vmap(partial(build_graph, data.objects))(*columns)
-        return graphs, mask, frames.astype(jnp.float32) / length.astype(jnp.float32)
+        frame_key, choice_key, rearrange_key = jax.random.split(key, 3)
+        frames, mask = sample_frames(frame_key, length, num_total, config.num_frames)
+        times = frames.astype(jnp.float32) / length.astype(jnp.float32)
+        moves = jax.tree.map(lambda leaf: leaf[demonstration], motions)
+        rearranged = rearrange(rearrange_key, data.objects, moves, frames / jnp.maximum(length - 1, 1), hyper.bumped)
+        choice = jax.random.bernoulli(choice_key, hyper.rearranged)
+        shown = data.boxes[demonstration, frames], moves.active[frames]
+        boxes, active = (jnp.where(choice, new, old) for new, old in zip(rearranged, shown, strict=True))
+        graphs = jax.vmap(partial(build_graph, data.objects))(boxes, data.mask[demonstration, frames], active)
+        return graphs, mask, times
 
     return jax.vmap(sample)(chosen, jax.random.split(frame_key, size))
 
@@ -212,20 +223,20 @@ def _loss(
 
 
 def step(
-    config: PretrainConfig, hyper: PretrainHyper, data: PretrainData, active: jax.Array, state: PretrainState
+    config: PretrainConfig, hyper: PretrainHyper, data: PretrainData, motions: Motion, state: PretrainState
 ) -> tuple[PretrainState, Metrics]:
     """One optimiser step.
 
     Args:
       config, hyper, data: see their classes.
-      active: (B, T, N) bool, activity at the full frame rate, as `run` computes it.
+      motions: `Motion` of every demonstration, as `run` computes it.
       state: the state before.
 
     Returns:
       The state after, and scalars: loss, tcc, box, class, grad_norm, learning_rate.
     """
     batch_key, next_key = jax.random.split(state.key)
-    batch = _sample_batch(config, data, active, batch_key)
+    batch = _sample_batch(config, hyper, data, motions, batch_key)
     grads, metrics = jax.grad(_loss, has_aux=True)(state.params, config, hyper, *batch)
     grads, grad_norm = clip_by_global_norm(grads, hyper.max_grad_norm)
     learning_rate = warmup_cosine(
@@ -248,8 +259,8 @@ def run(
       The state after, and the metrics of `step`, each (num_steps,) float32.
     """
     # At the full frame rate, before any frame is drawn: between drawn frames everything moves far.
-    active = jax.vmap(activity, in_axes=(0, 0, None))(data.boxes, data.mask, hyper.tau)
-    return jax.lax.scan(lambda carry, _: step(config, hyper, data, active, carry), state, length=num_steps)
+    motions = jax.vmap(motion, in_axes=(0, 0, 0, None))(data.boxes, data.mask, data.lengths, hyper.tau)
+    return jax.lax.scan(lambda carry, _: step(config, hyper, data, motions, carry), state, length=num_steps)
 
 
 @partial(jax.jit, static_argnames="config")

@@ -49,7 +49,8 @@ class EnvironmentReward(Wrapper):
     def reset(self, rng: jax.Array) -> State:
         state = self.env.reset(rng)
         boxes, mask = self.env.boxes(state)
-        return self._with_activity(state, {}, boxes, mask, jnp.zeros(mask.shape, bool))
+        active = state.info.get("active", jnp.zeros(mask.shape, bool))
+        return self._with_activity(state, {}, boxes, mask, active)
 
     def step(self, state: State, action: jax.Array) -> State:
         before = state.info

@@ -40,6 +40,7 @@ OBJECTS = ObjectTable(
     class_ids=(0, 1, 2, 3, 4, 5, 6, 0),
     is_robot=(False, True) + (False,) * 6,
     class_names=CLASS_NAMES,
+    is_fixture=(True,) + (False,) * 7,
 )
 
 
@@ -102,7 +103,10 @@ class MatchRegions(Task):
         physics = PhysicsState(qpos, zeros, zeros, distance)
         zero = jnp.zeros((), jnp.float32)
         metrics = {"success": zero, "score": zero}
-        return State(physics, observe(physics), zero, zero, metrics, {})
+        # A target that starts in its place counts as moved, as it does wherever it was brought there.
+        placed = geometry.inside_region(blocks(qpos)[:NUM_TARGETS, :2])
+        active = jnp.zeros(OBJECTS.num_slots, bool).at[2 : 2 + NUM_TARGETS].set(placed)
+        return State(physics, observe(physics), zero, zero, metrics, {"active": active})
 
     def step(self, state: State, action: jax.Array) -> State:
         physics = self.advance(state.pipeline_state, action)
