@@ -70,7 +70,8 @@ def rearrange(
       objects: which object sits in which slot.
       motion: of the demonstration.
       times: (F,) float32 in [0, 1], the frames wanted.
-      bumped: probability that an object that was never moved is, once.
+      bumped: probability that an object that was never moved gets a move of its own (which may begin too late to be
+        seen).
 
     Returns:
       Boxes (F, N, 4) float32 and activity (F, N) bool.

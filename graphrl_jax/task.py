@@ -20,7 +20,8 @@ class Task(Env):
 
     `reset(key)` draws a fresh start and runs no physics; `step(state, action)` takes actions (A,) in [-1, 1]; the
     reward is the environment's own and `done` stays 0: the time limit belongs to `wrappers.Episode`.
-    `state.metrics` holds `success` and `score`. All methods are written for one environment.
+    `state.metrics` holds `success` and `score`. A `reset` that starts part of the way to the goal may put `active` (N,)
+    bool into `state.info`: what counts as moved from the start. All methods are written for one environment.
 
     Attributes:
       name: registered name.

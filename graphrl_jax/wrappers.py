@@ -28,7 +28,7 @@ class EnvironmentReward(Wrapper):
     ========  =======  ===================================================
     boxes     (N, 4)   float32, boxes of the last frame
     mask      (N,)     bool, which slots that frame filled
-    active    (N,)     bool, which slots have moved since the episode began
+    active    (N,)     bool, which slots have moved since the episode began, or counted as moved then
     ========  =======  ===================================================
 
     The observation is the task's, followed by the N activity flags as 0 or 1. Metric: `env_reward`.

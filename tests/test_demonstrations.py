@@ -59,6 +59,16 @@ def test_round_trip_keeps_every_bit(tmp_path_factory, frame_rate, source, seed):
     assert_same(load(path), demos)
 
 
+def test_fixtures_are_kept_and_a_file_without_them_has_none(tmp_path):
+    flags = (False, False, True, False)
+    demos = replace(PLAIN, objects=replace(PLAIN.objects, is_fixture=flags))
+    demos.save(tmp_path / "new.npz")
+    assert load(tmp_path / "new.npz").objects.is_fixture == flags
+    with np.load(tmp_path / "new.npz") as archive:
+        np.savez(tmp_path / "old.npz", **{name: archive[name] for name in archive.files if name != "is_fixture"})
+    assert load(tmp_path / "old.npz").objects.is_fixture == (False,) * 4
+
+
 def test_saving_is_all_or_nothing(tmp_path, monkeypatch):
     path = tmp_path / "demos"
     PLAIN.save(path)

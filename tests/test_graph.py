@@ -36,6 +36,7 @@ UPDATE_ACTIVITY = jax.jit(update_activity)
         ("class_ids", (0, 1.0), "class_ids must hold int values only, got 1.0"),
         ("is_robot", (True,), "is_robot has 1 entries"),
         ("is_robot", (1, 0), "is_robot must hold bool values only, got 1"),
+        ("is_fixture", (True,), "is_fixture has 1 entries"),
         ("class_names", ("x", "x"), "no name twice"),
     ],
 )
@@ -55,6 +56,11 @@ def test_class_one_hot_and_robot_flags():
     assert one_hot.dtype == np.float32 and robot.dtype == bool
     np.testing.assert_array_equal(one_hot, [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0, 1, 0]])
     np.testing.assert_array_equal(robot, [True, False, False, False])
+
+
+def test_nothing_is_a_fixture_unless_it_is_said():
+    np.testing.assert_array_equal(ObjectTable(**TABLE).fixture_flags(), [False, False])
+    np.testing.assert_array_equal(ObjectTable(**TABLE, is_fixture=(False, True)).fixture_flags(), [False, True])
 
 
 def test_build_graph_states_the_shapes_it_takes():

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from graphrl_jax.compilation import jit_physics
+from graphrl_jax.wrappers import EnvironmentReward
 from tasks.match_regions import env, geometry, layouts
 from tasks.match_regions.expert import FAILURES
 from tasks.match_regions.model import CONTROL_DT, FINGER_OPEN, Physics, build_model
@@ -226,3 +227,14 @@ def test_observation_has_its_documented_size_and_frame() -> None:
     qpos = placed(qpos, 0, *(np.array([0.1, 0.2]) + 0.4 * ahead))
     obs = np.asarray(env.observe(state.pipeline_state._replace(qpos=jnp.asarray(qpos, jnp.float32))))
     np.testing.assert_allclose(obs[13:15], [0.4, 0.0], atol=1e-5)  # the star: 0.4 ahead, 0 to the left
+
+
+def test_a_target_that_starts_in_its_place_counts_as_moved():
+    class Placed(layouts.Demo):
+        def sample(self, key):
+            return jnp.asarray(placed(demo_qpos(), 1, 0.4, 0.3))
+
+    for layout, flags in ((layouts.Demo(), [0, 0]), (Placed(), [0, 1])):
+        state = jax.jit(EnvironmentReward(env.MatchRegions(layout), 0.02).reset)(jax.random.key(0))
+        np.testing.assert_array_equal(state.info["active"][2:4], flags)
+        np.testing.assert_array_equal(state.info["active"][jnp.array([0, 1, 4, 5, 6, 7])], False)
