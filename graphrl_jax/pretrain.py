@@ -81,7 +81,7 @@ class PretrainHyper:
     | bumped                | chance that a rearrangement moves an object never moved        |
     """
 
-    learning_rate: ArrayLike = 1e-3
+    learning_rate: ArrayLike = 3e-3
     final_learning_rate: ArrayLike = 0.0
     warmup: ArrayLike = 0.05
     weight_decay: ArrayLike = 1e-5

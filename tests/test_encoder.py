@@ -41,14 +41,15 @@ def test_node_embeddings_equal_messages_computed_edge_by_edge():
     boxes, classes = np.asarray(graph.boxes), np.asarray(graph.classes)
     present = np.flatnonzero(graph.mask)
     linear = params["input"][0]
-    nodes = {i: relu(np.concatenate([classes[i], boxes[i]]) @ linear["weight"] + linear["bias"]) for i in present}
+    scaled = 5.0 * (boxes - 0.5)
+    nodes = {i: relu(np.concatenate([classes[i], scaled[i]]) @ linear["weight"] + linear["bias"]) for i in present}
     for layer in params["layers"]:
         updated = {}
         for i in present:
             messages = []
             for j in present:
                 if j != i:
-                    offset = boxes[j, :2] - boxes[i, :2]
+                    offset = 5.0 * (boxes[j, :2] - boxes[i, :2])
                     inputs = np.concatenate([nodes[i], nodes[j], offset, [np.linalg.norm(offset)]])
                     weight = np.concatenate([layer["receiver"], layer["sender"], layer["edge"]])
                     # The message's second layer stands after the mean in the encoder and before it here.

@@ -19,7 +19,7 @@ CONFIG = PretrainConfig(
     steps=60, batch_size=4, num_frames=6, encoder=EncoderConfig(num_layers=1, hidden=8, embedding=4)
 )
 # The paper's way; rearranged demonstrations have tests of their own.
-HYPER = PretrainHyper(learning_rate=3e-2, temperature=0.1, rearranged=0.0)
+HYPER = PretrainHyper(learning_rate=1e-2, temperature=0.1, rearranged=0.0)
 DATA = prepare(demonstrations())
 TRACES = []
 
@@ -50,7 +50,7 @@ def test_every_part_of_the_loss_falls(trained):
 
 def test_learning_rate_warms_up_and_decays(trained):
     rates = np.asarray(trained[1]["learning_rate"])
-    assert rates[0] == 0.0 and np.max(rates) == pytest.approx(3e-2) and np.argmax(rates) == 3
+    assert rates[0] == 0.0 and np.max(rates) == pytest.approx(1e-2) and np.argmax(rates) == 3
     assert rates[-1] < 1e-4
 
 
