@@ -7,7 +7,8 @@ how they got there:
 - every object that was moved starts somewhere else and goes straight to its end; what ends inside a fixture's box may
   end anywhere in it;
 - objects go one after the other or together, and the way that is left, summed over them, falls evenly with time from
-  the same value in every demonstration: frames with the same way to go are what cycle-consistency will match;
+  what it was in the original (less where the image's border cuts it): demonstrations of one layout differ little in
+  that sum, so frames with the same way to go are what cycle-consistency will match;
 - what was never moved lies anywhere, is bumped to another place now and then, and the robot goes from anywhere to
   anywhere, so that none of them tells progress;
 - fixtures (`ObjectTable.is_fixture`) stay.

@@ -55,7 +55,8 @@ def test_learning_rate_warms_up_and_decays(trained):
 
 
 def test_new_numbers_and_seeds_do_not_trace_again(trained):
-    changes = [dict(alpha=9.0), dict(learning_rate=1e-3), dict(suppress_robot=0.0), dict(tau=1.0), dict(rearranged=1.0)]
+    changes = [dict(alpha=9.0), dict(learning_rate=1e-3), dict(suppress_robot=0.0), dict(tau=1.0), dict(warmup=0.0)]
+    changes += [dict(rearranged=1.0)]
     before = np.asarray(trained[1]["loss"])
     for change in changes:
         assert not np.allclose(train(replace(HYPER, **change), jax.random.key(0))[1]["loss"], before), change

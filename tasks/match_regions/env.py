@@ -104,8 +104,7 @@ class MatchRegions(Task):
         zero = jnp.zeros((), jnp.float32)
         metrics = {"success": zero, "score": zero}
         # A target that starts in its place counts as moved, as it does wherever it was brought there.
-        placed = geometry.inside_region(blocks(qpos)[:NUM_TARGETS, :2])
-        active = jnp.zeros(OBJECTS.num_slots, bool).at[2 : 2 + NUM_TARGETS].set(placed)
+        active = jnp.zeros(OBJECTS.num_slots, bool).at[2 : 2 + NUM_TARGETS].set(placed_targets(qpos))
         return State(physics, observe(physics), zero, zero, metrics, {"active": active})
 
     def step(self, state: State, action: jax.Array) -> State:
@@ -139,7 +138,7 @@ class MatchRegions(Task):
         return boxes(state.pipeline_state.qpos)
 
     def events(self, state: State) -> jax.Array:
-        placed = geometry.inside_region(blocks(state.pipeline_state.qpos)[:NUM_TARGETS, :2])
+        placed = placed_targets(state.pipeline_state.qpos)
         return jnp.append(placed, placed.all())
 
     def training(self) -> "MatchRegions":
@@ -170,6 +169,11 @@ class MatchRegions(Task):
 def blocks(qpos: jax.Array) -> jax.Array:
     """Poses x, y, theta of the five blocks in `qpos` (20,): (5, 3)."""
     return qpos[5:].reshape(len(BLOCK_NAMES), 3)
+
+
+def placed_targets(qpos: jax.Array) -> jax.Array:
+    """Whether the centre of star and square is inside the region: (2,) bool."""
+    return geometry.inside_region(blocks(qpos)[:NUM_TARGETS, :2])
 
 
 def boxes(qpos: jax.Array) -> tuple[jax.Array, jax.Array]:
