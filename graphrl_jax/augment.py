@@ -5,12 +5,11 @@ those are where a policy goes. A rearrangement keeps what a video shows of the g
 how they got there:
 
 - every object that was moved starts somewhere else and goes straight to its end; what ends inside a fixture's box may
-  end anywhere in it;
-- objects go one after the other or together, and the way that is left, summed over them, falls evenly with time from
-  what it was in the original (less where the image's border cuts it): demonstrations of one layout differ little in
-  that sum, so frames with the same way to go are what cycle-consistency will match;
-- what was never moved lies anywhere, is bumped to another place now and then, and the robot goes from anywhere to
-  anywhere, so that none of them tells progress;
+  end anywhere in it. The way that lies before all of them together is the original's (less where the image's border
+  cuts it);
+- the robot starts anywhere and brings one object after the other, in any order; it may put one down on its way and come
+  back for it. Time falls evenly on the way objects are brought, and more quickly on the way to the next one;
+- what was never moved lies anywhere and is bumped to another place now and then, so that it tells nothing of progress;
 - fixtures (`ObjectTable.is_fixture`) stay.
 
 Boxes, activity and time are all it takes; there is no paper behind it.
@@ -28,9 +27,15 @@ from graphrl_jax.graph import ObjectTable, activity, safe_norm
 _MARGIN = 0.08
 # Places inside a fixture's box keep this share of its side from its border.
 _INSET = 0.05
-# The least share of a rearranged demonstration (before time is dealt out evenly) that one object takes.
-_SHORTEST_MOVE = 0.15
-_DIRECTIONS, _CLOCK_TICKS = 16, 101
+# Time that going to an object takes, against bringing one as far: enough to tell order, too little to outweigh objects.
+_APPROACH_TIME = 0.15
+# Chance that an object is put down on its way.
+_PUT_DOWN = 0.5
+# Distance of the robot's centre from an object's while it brings it, against half of both their sizes.
+_GRIP = (0.6, 1.0)
+# The least share of a rearranged demonstration that a bumped object moves for.
+_SHORTEST_BUMP = 0.15
+_DIRECTIONS = 16
 
 
 class Motion(NamedTuple):
@@ -68,30 +73,33 @@ def rearrange(
 
     Args:
       key: randomness.
-      objects: which object sits in which slot.
+      objects: which object sits in which slot; robots, should there be several, go as one.
       motion: of the demonstration.
       times: (F,) float32 in [0, 1], the frames wanted.
-      bumped: probability that an object that was never moved gets a move of its own (which may begin too late to be
-        seen).
+      bumped: probability that an object that was never moved gets a move of its own.
 
     Returns:
       Boxes (F, N, 4) float32 and activity (F, N) bool.
     """
-    start_key, end_key, way_key, move_key, bump_key = jax.random.split(key, 5)
+    end_key, way_key, place_key, bump_key, trip_key, act_key = jax.random.split(key, 6)
     robot, fixture = objects.robot_flags(), objects.fixture_flags()
     carried = motion.moved & ~robot & ~fixture
+    here, there = jax.random.uniform(place_key, (2, *robot.shape, 2), minval=_MARGIN, maxval=1 - _MARGIN)
+
     ends = _ends(end_key, motion, fixture)
     total = jnp.sum(jnp.where(carried, safe_norm(motion.last[:, :2] - motion.first[:, :2]), 0.0))
     starts = _starts(way_key, ends, total, carried)
-    share = _shares(move_key, jnp.where(carried, safe_norm(starts - ends), 0.0), times)
+    robot_size = jnp.max(jnp.where(robot[:, None], motion.first[:, 2:], 0.0))
+    grips = (jnp.max(motion.last[:, 2:], axis=-1) + robot_size) / 2
+    brought, places = _bring(act_key, _trips(trip_key, carried), starts, ends, grips, here[jnp.argmax(robot)], times)
+    strays, strayed = _bumps(bump_key, ~carried & ~fixture & ~robot, times, bumped)
 
-    here, there = (_anywhere(anywhere_key, robot.shape[0]) for anywhere_key in jax.random.split(start_key))
-    strays = robot | (jax.random.bernoulli(bump_key, bumped, robot.shape) & ~carried & ~fixture)
     starts = jnp.where(carried[:, None], starts, jnp.where(fixture[:, None], motion.first[:, :2], here))
     ends = jnp.where(carried[:, None], ends, jnp.where(strays[:, None], there, starts))
-    centres = starts + share[..., None] * (ends - starts)
+    share = jnp.where(carried, brought, jnp.where(robot, times[:, None], strayed))
+    centres = jnp.where(robot[:, None], places[:, None], starts + share[..., None] * (ends - starts))
     sizes = motion.first[:, 2:] + share[..., None] * (motion.last - motion.first)[:, 2:]
-    return jnp.concatenate([centres, sizes], axis=-1), (carried | strays) & (share > 0)
+    return jnp.concatenate([centres, sizes], axis=-1), share > 0
 
 
 def _ends(key: jax.Array, motion: Motion, fixture: jax.Array) -> jax.Array:
@@ -116,21 +124,72 @@ def _starts(key: jax.Array, ends: jax.Array, total: jax.Array, carried: jax.Arra
     return jnp.clip(first, _MARGIN, 1 - _MARGIN)
 
 
-def _shares(key: jax.Array, ways: jax.Array, times: jax.Array) -> jax.Array:
-    """How much of its way (N,) each object has behind it at `times` (F,), such that the sum grows evenly: (F, N)."""
-    begin_key, span_key = jax.random.split(key)
-    begin = (1 - _SHORTEST_MOVE) * jax.random.uniform(begin_key, ways.shape)
-    span = _SHORTEST_MOVE + (1 - _SHORTEST_MOVE - begin) * jax.random.uniform(span_key, ways.shape)
+class _Trips(NamedTuple):
+    """Who is brought when, and how far: object (P,) int32, its share of the way before and after (P,), made (P,) bool.
 
-    def shares(clock: jax.Array) -> jax.Array:
-        return jnp.clip((clock[:, None] - begin) / span, 0.0, 1.0)
+    Trips that are not made come last. There are P = 2 N of them.
+    """
 
-    clock = jnp.linspace(0.0, 1.0, _CLOCK_TICKS)
-    gone = shares(clock) @ ways
-    # While nothing moves no time passes; the small term makes the clock readable there too.
-    gone = gone / jnp.maximum(gone[-1], 1e-6) + 1e-5 * clock
-    return shares(jnp.interp(times, gone, clock))
+    object: jax.Array
+    before: jax.Array
+    after: jax.Array
+    made: jax.Array
 
 
-def _anywhere(key: jax.Array, count: int) -> jax.Array:
-    return jax.random.uniform(key, (count, 2), minval=_MARGIN, maxval=1 - _MARGIN)
+def _trips(key: jax.Array, carried: jax.Array) -> _Trips:
+    """Every object in one trip or in two, in random order."""
+    number = carried.shape[0]
+    order_key, put_down_key, share_key = jax.random.split(key, 3)
+    put_down = jax.random.bernoulli(put_down_key, _PUT_DOWN, (number,))
+    share = jnp.where(put_down, jax.random.uniform(share_key, (number,)), 1.0)
+    # Sorted, so that an object's first trip comes before its second.
+    turns = jnp.sort(jax.random.uniform(order_key, (2, number)), axis=0)
+    made = jnp.stack([carried, carried & put_down])
+    order = jnp.argsort(jnp.where(made, turns, 2.0).ravel())
+    before = jnp.stack([jnp.zeros_like(share), share]).ravel()[order]
+    after = jnp.stack([share, jnp.ones_like(share)]).ravel()[order]
+    return _Trips(order % number, before, after, made.ravel()[order])
+
+
+def _bring(
+    key: jax.Array,
+    trips: _Trips,
+    starts: jax.Array,
+    ends: jax.Array,
+    grips: jax.Array,
+    here: jax.Array,
+    times: jax.Array,
+) -> tuple[jax.Array, jax.Array]:
+    """The trips, made one after another from `here` (2,) on, over `times` (F,).
+
+    Returns:
+      the share of its way that each object has behind it, (F, N), and the robot's centre, (F, 2).
+    """
+    angle_key, grip_key = jax.random.split(key)
+    angles = jax.random.uniform(angle_key, trips.object.shape, maxval=2 * jnp.pi)
+    distances = grips[trips.object] * jax.random.uniform(grip_key, angles.shape, minval=_GRIP[0], maxval=_GRIP[1])
+    offsets = distances[:, None] * jnp.stack([jnp.cos(angles), jnp.sin(angles)], axis=-1)
+    origin = starts[trips.object] + offsets
+    way = jnp.where(trips.made[:, None], (ends - starts)[trips.object], 0.0)
+    picked, dropped = (origin + share[:, None] * way for share in (trips.before, trips.after))
+    stops = jnp.concatenate([here[None], jnp.stack([picked, dropped], axis=1).reshape(-1, 2)])
+    # Whoever has no trip left stays.
+    stops = stops[jnp.minimum(jnp.arange(stops.shape[0]), 2 * jnp.sum(trips.made))]
+
+    spans = safe_norm(stops[1:] - stops[:-1]) * jnp.tile(jnp.array([_APPROACH_TIME, 1.0]), trips.made.shape[0])
+    clock = jnp.concatenate([jnp.zeros(1), jnp.cumsum(spans)])
+    now = times * clock[-1]
+    done = jnp.clip((now[:, None] - clock[1::2]) / jnp.maximum(spans[1::2], 1e-6), 0.0, 1.0)
+    gained = jnp.where(trips.made, trips.after - trips.before, 0.0) * done
+    brought = jnp.zeros((times.shape[0], starts.shape[0])).at[:, trips.object].add(gained)
+    places = jnp.stack([jnp.interp(now, clock, stops[:, axis]) for axis in range(2)], axis=-1)
+    return brought, jnp.clip(places, _MARGIN, 1 - _MARGIN)
+
+
+def _bumps(key: jax.Array, candidates: jax.Array, times: jax.Array, bumped: ArrayLike) -> tuple[jax.Array, jax.Array]:
+    """Which candidates (N,) are bumped, (N,), and the share of its way that each has behind it, (F, N)."""
+    choice_key, begin_key, span_key = jax.random.split(key, 3)
+    strays = candidates & jax.random.bernoulli(choice_key, bumped, candidates.shape)
+    begin = (1 - _SHORTEST_BUMP) * jax.random.uniform(begin_key, strays.shape)
+    span = _SHORTEST_BUMP + (1 - _SHORTEST_BUMP - begin) * jax.random.uniform(span_key, strays.shape)
+    return strays, strays * jnp.clip((times[:, None] - begin) / span, 0.0, 1.0)

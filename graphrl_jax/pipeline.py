@@ -29,7 +29,7 @@ from graphrl_jax.task import Task
 from graphrl_jax.wrappers import EnvironmentReward, GraphReward
 
 # One key per use, folded into the run's seed, so that a stage's randomness does not depend on which stages ran.
-_DEMONSTRATIONS, _PRETRAIN, _LANDSCAPE, _POLICY, _EVALUATION = range(5)
+_DEMONSTRATIONS, _PRETRAIN, _LANDSCAPE, _POLICY, _EVALUATION, _GOAL = range(6)
 
 
 def stage_key(seed: int, stage: int) -> jax.Array:
@@ -78,7 +78,8 @@ def train_encoder(
         means = {name: float(jnp.mean(values)) for name, values in history.items()}
         run.log({"stage": "pretrain", "step": done + steps, **means})
         progress.advance(steps, loss=means["loss"], tcc=means["tcc"])
-    model = fit_reward(state.params["encoder"], fitted, hyper.alpha, hyper.suppress_robot, hyper.tau)
+    goals = pretrain.goal_graphs(hyper, data, stage_key(seed, _GOAL))
+    model = fit_reward(state.params["encoder"], fitted, hyper.alpha, hyper.suppress_robot, hyper.tau, goals)
     save_tree(run.path / "encoder.npz", model)
     numbers = encoder_numbers(model, held_out)
     return model, {**numbers, "pretrain_s": time.perf_counter() - started}

@@ -180,18 +180,49 @@ def _sample_batch(
 
     def sample(demonstration: jax.Array, key: jax.Array) -> tuple[Graph, jax.Array, jax.Array]:
         length = data.lengths[demonstration]
-        frame_key, choice_key, rearrange_key = jax.random.split(key, 3)
+        frame_key, show_key = jax.random.split(key)
         frames, mask = sample_frames(frame_key, length, num_total, config.num_frames)
         times = frames.astype(jnp.float32) / length.astype(jnp.float32)
-        moves = jax.tree.map(lambda leaf: leaf[demonstration], motions)
-        rearranged = rearrange(rearrange_key, data.objects, moves, frames / jnp.maximum(length - 1, 1), hyper.bumped)
-        choice = jax.random.bernoulli(choice_key, hyper.rearranged)
-        shown = data.boxes[demonstration, frames], moves.active[frames]
-        boxes, active = (jnp.where(choice, new, old) for new, old in zip(rearranged, shown, strict=True))
-        graphs = jax.vmap(partial(build_graph, data.objects))(boxes, data.mask[demonstration, frames], active)
-        return graphs, mask, times
+        return _show(hyper, data, motions, demonstration, frames, show_key), mask, times
 
     return jax.vmap(sample)(chosen, jax.random.split(frame_key, size))
+
+
+def _show(
+    hyper: PretrainHyper,
+    data: PretrainData,
+    motions: Motion,
+    demonstration: jax.Array,
+    frames: jax.Array,
+    key: jax.Array,
+) -> Graph:
+    """Graphs (F, ...) of some frames (F,) of one demonstration as training sees it, rearranged or as it was."""
+    choice_key, rearrange_key = jax.random.split(key)
+    moves = jax.tree.map(lambda leaf: leaf[demonstration], motions)
+    times = frames / jnp.maximum(data.lengths[demonstration] - 1, 1)
+    rearranged = rearrange(rearrange_key, data.objects, moves, times, hyper.bumped)
+    original = data.boxes[demonstration, frames], moves.active[frames]
+    choice = jax.random.bernoulli(choice_key, hyper.rearranged)
+    boxes, active = (jnp.where(choice, new, old) for new, old in zip(rearranged, original, strict=True))
+    return jax.vmap(partial(build_graph, data.objects))(boxes, data.mask[demonstration, frames], active)
+
+
+@partial(jax.jit, static_argnames="draws")
+def goal_graphs(hyper: PretrainHyper, data: PretrainData, key: jax.Array, draws: int = 16) -> Graph:
+    """Last frames as training sees them, `draws` of every demonstration: graphs (B draws, ...) for `fit_reward`."""
+    chosen = jnp.repeat(jnp.arange(data.lengths.shape[0]), draws)
+    keys = jax.random.split(key, chosen.shape[0])
+
+    def end(demonstration: jax.Array, key: jax.Array) -> Graph:
+        return _show(hyper, data, motions, demonstration, data.lengths[demonstration, None] - 1, key)
+
+    motions = _motions(hyper, data)
+    return jax.tree.map(lambda leaf: leaf[:, 0], jax.vmap(end)(chosen, keys))
+
+
+def _motions(hyper: PretrainHyper, data: PretrainData) -> Motion:
+    """`Motion` of every demonstration, at the full frame rate: between drawn frames everything moves far."""
+    return jax.vmap(motion, in_axes=(0, 0, 0, None))(data.boxes, data.mask, data.lengths, hyper.tau)
 
 
 def _loss(
@@ -229,7 +260,7 @@ def step(
 
     Args:
       config, hyper, data: see their classes.
-      motions: `Motion` of every demonstration, as `run` computes it.
+      motions: `Motion` of every demonstration, at the full frame rate.
       state: the state before.
 
     Returns:
@@ -258,8 +289,7 @@ def run(
     Returns:
       The state after, and the metrics of `step`, each (num_steps,) float32.
     """
-    # At the full frame rate, before any frame is drawn: between drawn frames everything moves far.
-    motions = jax.vmap(motion, in_axes=(0, 0, 0, None))(data.boxes, data.mask, data.lengths, hyper.tau)
+    motions = _motions(hyper, data)
     return jax.lax.scan(lambda carry, _: step(config, hyper, data, motions, carry), state, length=num_steps)
 
 

@@ -54,19 +54,19 @@ def fit_reward(
     alpha: ArrayLike,
     suppress_robot: ArrayLike,
     tau: ArrayLike,
-    goal_graph: Graph | None = None,
+    goals: Graph | None = None,
 ) -> RewardModel:
     """Goal and scale from successful demonstrations.
 
-    The goal g is the mean over demonstrations of phi(last frame), or phi(goal_graph) if one is given; kappa is
-    1 / mean over demonstrations of ||phi(first frame) - g||, so that demonstrations start near reward -1.
+    The goal g is the mean of phi over `goals`, by default the demonstrations' last frames; kappa is 1 / mean over
+    demonstrations of ||phi(first frame) - g||, so that demonstrations start near reward -1.
 
     Args:
       params: encoder parameters.
       demonstrations: successful ones only.
       alpha, suppress_robot: pooling, see `encoder.pooling_weights`.
       tau: activity threshold, see `graph.update_activity`.
-      goal_graph: a single goal instead of the demonstrations' ends.
+      goals: graphs (M, ...) that show the goal, such as `pretrain.goal_graphs` or a single one.
 
     Raises:
       ValueError: a demonstration is a failure, or the first frames coincide with the goal.
@@ -78,10 +78,11 @@ def fit_reward(
             "failures; pass demonstrations.successes()"
         )
     embeddings = embed_demonstrations(params, demonstrations, alpha, suppress_robot, tau)
-    if goal_graph is None:
-        goal = jnp.mean(embeddings[np.arange(len(demonstrations)), demonstrations.lengths - 1], axis=0)
+    if goals is None:
+        ends = embeddings[np.arange(len(demonstrations)), demonstrations.lengths - 1]
     else:
-        goal = encode(params, goal_graph, alpha, suppress_robot)
+        ends = _embed_graphs(params, goals, alpha, suppress_robot)
+    goal = jnp.mean(ends, axis=0)
     start_distance = jnp.mean(safe_norm(embeddings[:, 0] - goal))
     if not start_distance > 0:
         raise ValueError(
@@ -107,6 +108,11 @@ def demonstration_rewards(model: RewardModel, demonstrations: Demonstrations) ->
     """Reward of every frame: (B, T) float32; what lies behind a demonstration's length means nothing."""
     embeddings = embed_demonstrations(model.params, demonstrations, model.alpha, model.suppress_robot, model.tau)
     return -model.kappa * safe_norm(embeddings - model.goal)
+
+
+@jax.jit
+def _embed_graphs(params: EncoderParams, graphs: Graph, alpha: ArrayLike, suppress_robot: ArrayLike) -> jax.Array:
+    return jax.vmap(encode, in_axes=(None, 0, None, None))(params, graphs, alpha, suppress_robot)
 
 
 @partial(jax.jit, static_argnames="objects")

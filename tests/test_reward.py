@@ -67,7 +67,7 @@ def test_reward_of_a_graph_is_minus_kappa_times_its_distance(model, embeddings, 
 
 def test_reward_is_zero_at_a_single_goal_graph_and_its_gradient_finite(graphs):
     goal = frame(graphs, 9)
-    model = fit_reward(PARAMS, DEMOS, *SETTINGS, goal_graph=goal)
+    model = fit_reward(PARAMS, DEMOS, *SETTINGS, goals=jax.tree.map(lambda leaf: leaf[None], goal))
     np.testing.assert_allclose(jax.jit(RewardModel.apply)(model, goal), 0.0, atol=1e-5)
     exact = replace(model, goal=jax.jit(RewardModel.embed)(model, goal))
     gradient = jax.jit(jax.grad(lambda boxes: exact.apply(replace(goal, boxes=boxes))))(goal.boxes)
