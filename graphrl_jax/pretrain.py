@@ -91,7 +91,7 @@ class PretrainHyper:
     tau: ArrayLike = 0.02
     temperature: ArrayLike = 1.0
     tcc_weight: ArrayLike = 1.0
-    reconstruction_weight: ArrayLike = 1.0
+    reconstruction_weight: ArrayLike = 0.1
     rearranged: ArrayLike = 1.0
     bumped: ArrayLike = 0.2
 
