@@ -8,7 +8,8 @@ how they got there:
   end anywhere in it. The way that lies before all of them together is the original's (less where the image's border
   cuts it);
 - the robot starts anywhere and brings one object after the other, in any order; it may put one down on its way and come
-  back for it. Time falls evenly on the way objects are brought, and more quickly on the way to the next one;
+  back for it. Time falls evenly on the way objects are brought; the way to the next one takes a fraction of it, enough
+  to tell order and too little to outweigh objects;
 - what was never moved lies anywhere and is bumped to another place now and then, so that it tells nothing of progress;
 - fixtures (`ObjectTable.is_fixture`) stay.
 
@@ -27,8 +28,6 @@ from graphrl_jax.graph import ObjectTable, activity, safe_norm
 _MARGIN = 0.08
 # Places inside a fixture's box keep this share of its side from its border.
 _INSET = 0.05
-# Time that going to an object takes, against bringing one as far: enough to tell order, too little to outweigh objects.
-_APPROACH_TIME = 0.15
 # Chance that an object is put down on its way.
 _PUT_DOWN = 0.5
 # Distance of the robot's centre from an object's while it brings it, against half of both their sizes.
@@ -67,7 +66,12 @@ def motion(boxes: jax.Array, mask: jax.Array, length: ArrayLike, tau: ArrayLike)
 
 
 def rearrange(
-    key: jax.Array, objects: ObjectTable, motion: Motion, times: jax.Array, bumped: ArrayLike
+    key: jax.Array,
+    objects: ObjectTable,
+    motion: Motion,
+    times: jax.Array,
+    bumped: ArrayLike,
+    approach: ArrayLike,
 ) -> tuple[jax.Array, jax.Array]:
     """A demonstration, rearranged.
 
@@ -77,6 +81,7 @@ def rearrange(
       motion: of the demonstration.
       times: (F,) float32 in [0, 1], the frames wanted.
       bumped: probability that an object that was never moved gets a move of its own.
+      approach: time that the robot's way to an object takes, against bringing one as far.
 
     Returns:
       Boxes (F, N, 4) float32 and activity (F, N) bool.
@@ -91,7 +96,8 @@ def rearrange(
     starts = _starts(way_key, ends, total, carried)
     robot_size = jnp.max(jnp.where(robot[:, None], motion.first[:, 2:], 0.0))
     grips = (jnp.max(motion.last[:, 2:], axis=-1) + robot_size) / 2
-    brought, places = _bring(act_key, _trips(trip_key, carried), starts, ends, grips, here[jnp.argmax(robot)], times)
+    trips = _trips(trip_key, carried)
+    brought, places = _bring(act_key, trips, starts, ends, grips, here[jnp.argmax(robot)], times, approach)
     strays, strayed = _bumps(bump_key, ~carried & ~fixture & ~robot, times, bumped)
 
     starts = jnp.where(carried[:, None], starts, jnp.where(fixture[:, None], motion.first[:, :2], here))
@@ -159,6 +165,7 @@ def _bring(
     grips: jax.Array,
     here: jax.Array,
     times: jax.Array,
+    approach: ArrayLike,
 ) -> tuple[jax.Array, jax.Array]:
     """The trips, made one after another from `here` (2,) on, over `times` (F,).
 
@@ -176,7 +183,7 @@ def _bring(
     # Whoever has no trip left stays.
     stops = stops[jnp.minimum(jnp.arange(stops.shape[0]), 2 * jnp.sum(trips.made))]
 
-    spans = safe_norm(stops[1:] - stops[:-1]) * jnp.tile(jnp.array([_APPROACH_TIME, 1.0]), trips.made.shape[0])
+    spans = safe_norm(stops[1:] - stops[:-1]) * jnp.tile(jnp.stack([approach, 1.0]), trips.made.shape[0])
     clock = jnp.concatenate([jnp.zeros(1), jnp.cumsum(spans)])
     now = times * clock[-1]
     done = jnp.clip((now[:, None] - clock[1::2]) / jnp.maximum(spans[1::2], 1e-6), 0.0, 1.0)

@@ -294,7 +294,9 @@ def _show_policy(
     run: Run, task: Task, settings: Settings, reward_params: Any, policy: Any, seed: int, episodes: int, video: Path
 ) -> None:
     """Writes the video of a few episodes and the figure of their rewards."""
-    recorded = recording.record(task, settings, reward_params, policy, pipeline.stage_key(seed, 5), episodes)
+    recorded = recording.record(
+        task, settings, reward_params, policy, pipeline.stage_key(seed, pipeline.RECORDING), episodes
+    )
     recording.write_rollout_video(task, recorded, video)
     plots.reward_over_time(
         recorded.rewards,

@@ -29,7 +29,7 @@ from graphrl_jax.task import Task
 from graphrl_jax.wrappers import EnvironmentReward, GraphReward
 
 # One key per use, folded into the run's seed, so that a stage's randomness does not depend on which stages ran.
-_DEMONSTRATIONS, _PRETRAIN, _LANDSCAPE, _POLICY, _EVALUATION, _GOAL = range(6)
+_DEMONSTRATIONS, _PRETRAIN, _LANDSCAPE, _POLICY, _EVALUATION, RECORDING, _GOAL = range(7)
 
 
 def stage_key(seed: int, stage: int) -> jax.Array:

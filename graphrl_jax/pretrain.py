@@ -79,6 +79,7 @@ class PretrainHyper:
     | reconstruction_weight | weight of box error plus class cross-entropy in the loss       |
     | rearranged            | share of demonstrations seen rearranged; 0 is the paper's way  |
     | bumped                | chance that a rearrangement moves an object never moved        |
+    | approach              | time the robot's way to an object takes in a rearrangement, against bringing one as far |
     """
 
     learning_rate: ArrayLike = 3e-3
@@ -94,6 +95,7 @@ class PretrainHyper:
     reconstruction_weight: ArrayLike = 0.1
     rearranged: ArrayLike = 1.0
     bumped: ArrayLike = 0.2
+    approach: ArrayLike = 0.15
 
 
 @jax.tree_util.register_dataclass
@@ -200,7 +202,7 @@ def _show(
     choice_key, rearrange_key = jax.random.split(key)
     moves = jax.tree.map(lambda leaf: leaf[demonstration], motions)
     times = frames / jnp.maximum(data.lengths[demonstration] - 1, 1)
-    rearranged = rearrange(rearrange_key, data.objects, moves, times, hyper.bumped)
+    rearranged = rearrange(rearrange_key, data.objects, moves, times, hyper.bumped, hyper.approach)
     original = data.boxes[demonstration, frames], moves.active[frames]
     choice = jax.random.bernoulli(choice_key, hyper.rearranged)
     boxes, active = (jnp.where(choice, new, old) for new, old in zip(rearranged, original, strict=True))
