@@ -9,7 +9,7 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
-BEGIN, END = "<!-- results: written by benchmarks/readme.py -->\n", "<!-- end of results -->"
+BEGIN, END = "<!-- results: written by a script from result files -->\n", "<!-- end of results -->"
 METHODS = {
     "env": "environmental reward, with the reach term",
     "graph": "graph reward, w/o robot",
@@ -61,17 +61,17 @@ def results() -> str:
     return f"{success_table()}\n\n{throughput_table()}\n"
 
 
-def updated(readme: str) -> str:
-    """The README's text with its tables written anew.
+def updated(text: str, tables: str) -> str:
+    """A text with the tables between its two markers written anew.
 
     Raises:
       ValueError: a marker is missing.
     """
-    before, _, rest = readme.partition(BEGIN)
+    before, _, rest = text.partition(BEGIN)
     _, end, after = rest.partition(END)
     if not end:
-        raise ValueError(f"the README lacks one of the markers {BEGIN.strip()!r} and {END!r}")
-    return f"{before}{BEGIN}\n{results()}\n{END}{after}"
+        raise ValueError(f"the text lacks one of the markers {BEGIN.strip()!r} and {END!r}")
+    return f"{before}{BEGIN}\n{tables}\n{END}{after}"
 
 
 def _result(name: str) -> dict[str, Any] | None:
@@ -81,4 +81,4 @@ def _result(name: str) -> dict[str, Any] | None:
 
 if __name__ == "__main__":
     readme = ROOT / "README.md"
-    readme.write_text(updated(readme.read_text()))
+    readme.write_text(updated(readme.read_text(), results()))

@@ -37,6 +37,7 @@ class Train:
       demos: Demonstration file; the expert makes them if none is given.
       alpha: Weight of objects that have moved (Eq. 1).
       seed: Everything random follows from it.
+      updates: Policy updates; the preset's number if left out.
       out: Folder of the run; runs/TASK_REWARD_SEED if left out.
       resume: Continue the run in --out from its last checkpoint; its own settings are used.
     """
@@ -47,6 +48,7 @@ class Train:
     demos: Path | None = None
     alpha: float = 2.0
     seed: int = 0
+    updates: int | None = None
     out: Path | None = None
     resume: bool = False
 
@@ -149,7 +151,7 @@ def train(request: Train) -> None:
             demos = _demonstrations(run, task, settings)
             if (run.path / "encoder.json").exists():
                 numbers["encoder"] = runs.read_json(run.path / "encoder.json")
-                reward_params = pipeline.load_reward(run, settings, task)
+                reward_params = pipeline.load_reward(run, settings.sizes.pretrain.encoder, task)
             else:
                 sizes = settings.sizes.pretrain
                 reward_params, numbers["encoder"] = pipeline.train_encoder(
@@ -232,7 +234,7 @@ def _load(run: Run) -> tuple[Task, Settings, Any, Any]:
     task = make_task(settings.task)
     reward_params: Any = np.float32(settings.pretrain.tau)
     if settings.reward != "env":
-        reward_params = pipeline.load_reward(run, settings, task)
+        reward_params = pipeline.load_reward(run, settings.sizes.pretrain.encoder, task)
     return task, settings, reward_params, pipeline.load_policy(run, task, settings, reward_params)
 
 
@@ -245,6 +247,7 @@ def _started(request: Train) -> tuple[Run, Settings]:
         preset=request.preset or default_preset(),
         seed=request.seed,
         demos=None if request.demos is None else str(request.demos),
+        updates=request.updates,
         pretrain=hyper,
     )
     make_task(settings.task)

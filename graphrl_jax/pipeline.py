@@ -15,6 +15,7 @@ import numpy as np
 from graphrl_jax import demonstrations as demonstration_files
 from graphrl_jax import plots, ppo, pretrain
 from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.encoder import EncoderConfig
 from graphrl_jax.encoder import init as init_encoder
 from graphrl_jax.evaluation import evaluate
 from graphrl_jax.evaluators import cycle_consistency, kendall_tau, value_order_correlation
@@ -29,7 +30,7 @@ from graphrl_jax.task import Task
 from graphrl_jax.wrappers import EnvironmentReward, GraphReward
 
 # One key per use, folded into the run's seed, so that a stage's randomness does not depend on which stages ran.
-_DEMONSTRATIONS, _PRETRAIN, _LANDSCAPE, _POLICY, _EVALUATION, RECORDING, _GOAL = range(7)
+DEMONSTRATIONS, _PRETRAIN, LANDSCAPE, _POLICY, _EVALUATION, RECORDING, _GOAL = range(7)
 
 
 def stage_key(seed: int, stage: int) -> jax.Array:
@@ -45,7 +46,7 @@ def make_demonstrations(task: Task, settings: Settings) -> Demonstrations:
     """
     if settings.demos is None:
         count = settings.sizes.demonstrations
-        return task.demonstrate(stage_key(settings.seed, _DEMONSTRATIONS), count, count // 4)
+        return task.demonstrate(stage_key(settings.seed, DEMONSTRATIONS), count, count // 4)
     loaded = demonstration_files.load(settings.demos)
     if loaded.objects != task.objects:
         raise demonstration_files.DemonstrationError(
@@ -99,7 +100,7 @@ def encoder_numbers(model: RewardModel, held_out: Demonstrations) -> dict[str, f
 
 def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demonstrations, seed: int) -> dict[str, Any]:
     """Audits the reward away from the demonstrations and draws it; returns the audit's numbers."""
-    report = audit(model, task.landscape(stage_key(seed, _LANDSCAPE)))
+    report = audit(model, task.landscape(stage_key(seed, LANDSCAPE)))
     plots.landscape(report, run.figures / "landscape.png")
     held_out = demonstrations.successes().split(0.75, seed)[1]
     plots.reward_over_time(
@@ -114,13 +115,12 @@ def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demon
     return {**report.numbers(), "trajectory_scores": trajectory_scores(model, demonstrations)}
 
 
-def load_reward(run: Run, settings: Settings, task: Task) -> RewardModel:
+def load_reward(run: Run, config: EncoderConfig, task: Task) -> RewardModel:
     """The frozen reward saved in a run's directory.
 
     Raises:
-      RunError: there is none, or it does not fit the settings' encoder.
+      RunError: there is none, or it does not fit an encoder of these sizes.
     """
-    config = settings.sizes.pretrain.encoder
 
     def template() -> RewardModel:
         zero = jnp.zeros((), jnp.float32)

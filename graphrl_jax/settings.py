@@ -1,6 +1,6 @@
 """What a whole run can be told, and the presets that fit a device."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import jax
@@ -73,6 +73,7 @@ class Settings:
       preset: name of the sizes used.
       seed: everything random follows from it.
       demos: path of a demonstration file, or None to let the expert make them.
+      updates: policy updates, or None for the preset's.
       pretrain: floats of pretraining, alpha among them.
       ppo: floats of PPO; the learning rate decays over all updates.
     """
@@ -82,6 +83,7 @@ class Settings:
     preset: str = "cpu"
     seed: int = 0
     demos: str | None = None
+    updates: int | None = None
     pretrain: PretrainHyper = field(default_factory=PretrainHyper)
     ppo: PPOHyper = field(default_factory=PPOHyper)
 
@@ -90,11 +92,14 @@ class Settings:
             raise ValueError(f"unknown reward {self.reward!r}; known rewards: {', '.join(REWARDS)}")
         if self.preset not in PRESETS:
             raise ValueError(f"unknown preset {self.preset!r}; known presets: {', '.join(PRESETS)}")
+        if self.updates is not None and self.updates < 1:
+            raise ValueError(f"updates is {self.updates}; allowed: 1 or more")
 
     @property
     def sizes(self) -> Preset:
-        """The preset's sizes."""
-        return PRESETS[self.preset]
+        """The preset's sizes, with `updates` if given."""
+        preset = PRESETS[self.preset]
+        return replace(preset, updates=preset.updates if self.updates is None else self.updates)
 
 
 def default_preset() -> PresetName:

@@ -155,6 +155,7 @@ def rejected(capsys, arguments: list, main=cli.train_main) -> str:
         (["--task", "juggling"], ["'juggling'", "match_regions"]),
         (["--reward", "money"], ["'money'", "graph_with_robot"]),
         (["--preset", "huge"], ["'huge'", "smoke"]),
+        (["--updates", "0"], ["updates is 0", "1 or more"]),
         (["--demos", "nowhere.npz"], ["nowhere.npz"]),
         (["--resume"], ["--out"]),
     ],

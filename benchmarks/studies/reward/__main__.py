@@ -1,0 +1,163 @@
+"""The command line of the study; see the package."""
+
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from benchmarks.context import measured_on
+from benchmarks.studies import reward as study
+from benchmarks.studies.reward.report import write_report
+from benchmarks.studies.reward.variants import VARIANTS, Variant
+from graphrl_jax import demonstrations as demonstration_files
+from graphrl_jax import pipeline
+from graphrl_jax.compilation import configure
+from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.landscape import audit, trajectory_scores
+from graphrl_jax.progress import Progress
+from graphrl_jax.reward import RewardModel, fit_reward
+from graphrl_jax.runs import Run, read_json, write_json
+from graphrl_jax.settings import PRESETS, Settings
+from graphrl_jax.task import Task, make_task
+
+FOLDER = Path(__file__).parent
+# Everything but the numbers is made anew when missing.
+RUNS = Path("runs/studies/reward")
+
+
+@dataclass(frozen=True)
+class Encoders:
+    """Train and audit encoders.
+
+    Attributes:
+      variants: Names in `variants.py`; all if left out.
+      seeds: Of demonstrations and encoder alike.
+    """
+
+    variants: tyro.conf.Positional[tuple[str, ...]] = tuple(VARIANTS)
+    seeds: tuple[int, ...] = (0, 1, 2)
+
+
+@dataclass(frozen=True)
+class Policies:
+    """Train policies on encoders that `encoders` made.
+
+    Attributes:
+      members: Such as default_0.
+      updates: Of PPO.
+      episodes: To judge each by: Demo layout, unseen.
+    """
+
+    members: tyro.conf.Positional[tuple[str, ...]]
+    updates: int = 250
+    episodes: int = 128
+
+
+@dataclass(frozen=True)
+class Report:
+    """Write report.md and its figures from the two tables."""
+
+
+def main() -> None:
+    """Entry point."""
+    commands = {"encoders": Encoders, "policies": Policies, "report": Report}
+    request = tyro.extras.subcommand_cli_from_dict(commands, description=study.__doc__)
+    configure()
+    if isinstance(request, Encoders):
+        encoders(request)
+    elif isinstance(request, Policies):
+        policies(request)
+    else:
+        write_report(FOLDER)
+
+
+def encoders(request: Encoders) -> None:
+    """Adds a row to encoders.json for every member that it lacks."""
+    task = make_task("match_regions")
+    for name in request.variants:
+        for seed in request.seeds:
+            member = f"{name}_{seed}"
+            if member not in _table("encoders"):
+                _add("encoders", member, encoder_row(task, name, seed))
+
+
+def policies(request: Policies) -> None:
+    """Adds a row to policies.json for every member that it lacks."""
+    task = make_task("match_regions")
+    for member in request.members:
+        if member not in _table("policies"):
+            _add("policies", member, policy_row(task, member, request))
+
+
+def encoder_row(task: Task, name: str, seed: int) -> dict[str, Any]:
+    """Trains one encoder; its audit with the goal of rearrangements and with that of the demonstrations alone."""
+    variant = VARIANTS[name]
+    config, hyper = variant.settings()
+    demos = _demonstrations(task, variant, seed)
+    # Left by an interrupted training; a finished one has its row.
+    shutil.rmtree(RUNS / f"{name}_{seed}", ignore_errors=True)
+    run = Run.create(RUNS / f"{name}_{seed}", {"command": "study", "variant": name, "seed": seed})
+    with Progress() as progress:
+        model, numbers = pipeline.train_encoder(run, demos, config, hyper, seed, progress)
+    fitted = demos.successes().split(0.75, seed)[0]
+    bare = fit_reward(model.params, fitted, model.alpha, model.suppress_robot, model.tau)
+    return {
+        "variant": name,
+        "factor": variant.factor,
+        "seed": seed,
+        **numbers,
+        **judged(task, model, demos, seed),
+        "demonstrated_goal": judged(task, bare, demos, seed),
+    }
+
+
+def judged(task: Task, model: RewardModel, demos: Demonstrations, seed: int) -> dict[str, Any]:
+    """Landscape audit and the scores of fixed trajectories, in numbers."""
+    landscape = task.landscape(pipeline.stage_key(seed, pipeline.LANDSCAPE))
+    return {**audit(model, landscape).numbers(), **trajectory_scores(model, demos)}
+
+
+def policy_row(task: Task, member: str, request: Policies) -> dict[str, Any]:
+    """Trains one policy on the frozen reward of one encoder alone, and evaluates it on the Demo layout."""
+    name, seed = member.rsplit("_", 1)
+    config, hyper = VARIANTS[name].settings()
+    run = Run(RUNS / member)
+    model = pipeline.load_reward(run, config.encoder, task)
+    reward = "graph" if hyper.suppress_robot else "graph_with_robot"
+    settings = Settings(reward=reward, seed=int(seed), updates=request.updates, pretrain=hyper)
+    with Progress() as progress:
+        policy, numbers = pipeline.train_policy(run, task, settings, model, progress)
+    outcome = pipeline.evaluate_policy(task, settings, model, policy, request.episodes, settings.seed + 1000)
+    curve = [[record["env_steps"], record["success"], record["score"]] for record in run.records("ppo")]
+    return {
+        "variant": name,
+        "updates": request.updates,
+        **numbers,
+        **outcome,
+        "training_seed": int(seed),
+        "curve": curve,
+    }
+
+
+def _demonstrations(task: Task, variant: Variant, seed: int) -> Demonstrations:
+    path = RUNS / f"demonstrations_{variant.demonstrations}_{seed}.npz"
+    if not path.exists():
+        key = pipeline.stage_key(seed, pipeline.DEMONSTRATIONS)
+        task.demonstrate(key, variant.demonstrations, PRESETS["cpu"].demonstrations // 4).save(path)
+    return demonstration_files.load(path)
+
+
+def _table(name: str) -> dict[str, Any]:
+    path = FOLDER / f"{name}.json"
+    return read_json(path) if path.exists() else {}
+
+
+def _add(name: str, member: str, row: dict[str, Any]) -> None:
+    # Read again: another process may have added rows meanwhile.
+    write_json(FOLDER / f"{name}.json", {**_table(name), member: {**row, **measured_on("studies.reward")}})
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,105 @@
+"""Tables and figures of the study, from encoders.json and policies.json into report.md."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from scipy.stats import spearmanr
+
+from benchmarks.readme import updated
+from graphrl_jax.runs import read_json, write_atomically
+
+MEASURES = {
+    "pair_accuracy": "pairs in order",
+    "finished_above_unfinished": "finished above",
+    "maxima_inside": "maxima inside",
+    "kendall_tau": "Kendall's tau",
+    "undiscounted": "successes above",
+    "discounted": "successes above, discounted",
+}
+Rows = dict[str, dict[str, Any]]
+
+
+def write_report(folder: Path) -> None:
+    """Writes the tables between the markers of report.md, and the figures beside it."""
+    encoders, policies = (
+        read_json(path) if path.exists() else {} for path in (folder / "encoders.json", folder / "policies.json")
+    )
+    report = folder / "report.md"
+    tables = "\n\n".join([encoder_table(encoders), policy_table(encoders, policies)])
+    report.write_text(updated(report.read_text(), f"{tables}\n"))
+    write_atomically(folder / "encoders.png", FigureCanvasAgg(encoder_figure(encoders)).print_png)
+    write_atomically(folder / "oracle.png", FigureCanvasAgg(oracle_figure(encoders, policies)).print_png)
+
+
+def measure(row: dict[str, Any], name: str) -> float:
+    """One of `MEASURES` of an encoder."""
+    return row["successes_above"][name] if name in row["successes_above"] else row[name]
+
+
+def by_variant(encoders: Rows, name: str) -> dict[str, np.ndarray]:
+    """The values of a measure over seeds, for every variant in the order of the table."""
+    variants = list(dict.fromkeys(row["variant"] for row in encoders.values()))
+    return {
+        variant: np.array([measure(row, name) for row in encoders.values() if row["variant"] == variant])
+        for variant in variants
+    }
+
+
+def encoder_table(encoders: Rows) -> str:
+    """Mean over seeds, and the worst seed, of every measure and variant."""
+    measured = {name: by_variant(encoders, name) for name in MEASURES}
+    lines = [f"| variant | {' | '.join(MEASURES.values())} | seeds |", "|---" * (len(MEASURES) + 2) + "|"]
+    for variant, first in measured["pair_accuracy"].items():
+        cells = [f"{values[variant].mean():.3f} ({values[variant].min():.2f})" for values in measured.values()]
+        lines.append(f"| {variant} | {' | '.join(cells)} | {len(first)} |")
+    return "\n".join(lines)
+
+
+def policy_table(encoders: Rows, policies: Rows) -> str:
+    """Success of the policies, best first, and how each measure of the encoder ranks with it."""
+    lines = ["| encoder | success | mean score | million steps |", "|---|---|---|---|"]
+    for member, row in sorted(policies.items(), key=lambda item: -item[1]["success_rate"]):
+        steps = row["env_steps"] / 1e6
+        lines.append(f"| {member} | {row['success_rate']:.1%} | {row['mean_score']:.3f} | {steps:.1f} |")
+    lines += ["", "| measure | rank correlation with the policy's score |", "|---|---|"]
+    for name, label in MEASURES.items():
+        lines.append(f"| {label} | {_rank_correlation(encoders, policies, name):.2f} |")
+    return "\n".join(lines)
+
+
+def encoder_figure(encoders: Rows) -> Figure:
+    """Every measure of every variant, a dot per seed."""
+    figure = Figure(figsize=(12, 6), dpi=110, layout="constrained")
+    for axes, (name, label) in zip(figure.subplots(1, len(MEASURES), sharey=True), MEASURES.items(), strict=True):
+        values = by_variant(encoders, name)
+        for row, seeds in enumerate(values.values()):
+            axes.plot(seeds, [row] * len(seeds), "o", color="tab:blue", alpha=0.6, markersize=4)
+        axes.set_yticks(range(len(values)), list(values))
+        axes.set_title(label, fontsize=9)
+        axes.grid(axis="y", alpha=0.3)
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.axes[0].invert_yaxis()
+    return figure
+
+
+def oracle_figure(encoders: Rows, policies: Rows) -> Figure:
+    """The policy's score against every measure of its encoder."""
+    figure = Figure(figsize=(12, 2.8), dpi=110, layout="constrained")
+    for axes, (name, label) in zip(figure.subplots(1, len(MEASURES), sharey=True), MEASURES.items(), strict=True):
+        for member, row in policies.items():
+            axes.plot(measure(encoders[member], name), row["mean_score"], "o", color="tab:green", alpha=0.7)
+        axes.set_title(f"{label}\nrank corr. {_rank_correlation(encoders, policies, name):.2f}", fontsize=9)
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.axes[0].set_ylabel("mean score of the policy")
+    return figure
+
+
+def _rank_correlation(encoders: Rows, policies: Rows, name: str) -> float:
+    values = [measure(encoders[member], name) for member in policies]
+    scores = [row["mean_score"] for row in policies.values()]
+    if min(len(set(values)), len(set(scores))) < 2:
+        return float("nan")
+    return float(spearmanr(values, scores).statistic)

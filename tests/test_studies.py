@@ -1,0 +1,57 @@
+"""The study's tables: what is averaged over what, and what is compared with what."""
+
+import json
+
+import pytest
+
+from benchmarks.readme import BEGIN, END
+from benchmarks.studies.reward import report
+from benchmarks.studies.reward.variants import VARIANTS
+
+
+def encoder(variant: str, pair_accuracy: float) -> dict:
+    others = dict.fromkeys(("finished_above_unfinished", "maxima_inside", "kendall_tau"), 1.0)
+    sums = {"undiscounted": 1.0, "discounted": 1 - pair_accuracy}
+    return {"variant": variant, "pair_accuracy": pair_accuracy, "successes_above": sums, **others}
+
+
+def policy(score: float) -> dict:
+    return {"success_rate": score / 2, "mean_score": score, "env_steps": 1_500_000}
+
+
+ENCODERS = {
+    "a_0": encoder("a", 0.75), "a_1": encoder("a", 0.25), "b_0": encoder("b", 0.9), "b_1": encoder("b", 0.8)
+}  # fmt: skip
+POLICIES = {"a_0": policy(0.2), "a_1": policy(0.1), "b_0": policy(0.6)}
+
+
+def test_encoders_are_averaged_over_seeds_with_the_worst_beside():
+    head, _, a, b = report.encoder_table(ENCODERS).splitlines()
+    assert head.startswith("| variant | pairs in order |") and head.endswith("| seeds |")
+    assert a.startswith("| a | 0.500 (0.25) |") and a.endswith("| 2 |")
+    assert b.startswith("| b | 0.850 (0.80) |") and "| 0.150 (0.10) |" in b
+
+
+def test_policies_come_best_first_and_are_ranked_against_their_encoders():
+    lines = report.policy_table(ENCODERS, POLICIES).splitlines()
+    assert [line.split(" | ")[0] for line in lines[2:5]] == ["| b_0", "| a_0", "| a_1"]
+    assert lines[2] == "| b_0 | 30.0% | 0.600 | 1.5 |"
+    assert "| pairs in order | 1.00 |" in lines and "| successes above, discounted | -1.00 |" in lines
+
+
+def test_a_report_keeps_its_own_words(tmp_path):
+    (tmp_path / "report.md").write_text(f"# Words\n{BEGIN}old{END}\nmore words\n")
+    for name, rows in (("encoders", ENCODERS), ("policies", POLICIES)):
+        (tmp_path / f"{name}.json").write_text(json.dumps(rows))
+    report.write_report(tmp_path)
+    text = (tmp_path / "report.md").read_text()
+    assert (
+        text.startswith("# Words\n") and text.endswith("\nmore words\n") and "| a | 0.500" in text and "old" not in text
+    )
+    assert (tmp_path / "encoders.png").stat().st_size > 1000 and (tmp_path / "oracle.png").stat().st_size > 1000
+
+
+@pytest.mark.parametrize("name", VARIANTS)
+def test_every_variant_changes_the_default_and_nothing_unknown(name):
+    changed = VARIANTS[name].settings() != VARIANTS["default"].settings() or VARIANTS[name].demonstrations != 64
+    assert changed == (name != "default")
