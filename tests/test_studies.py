@@ -2,10 +2,11 @@
 
 import json
 
+import numpy as np
 import pytest
 
 from benchmarks.readme import BEGIN, END
-from benchmarks.studies.reward import report
+from benchmarks.studies.reward import ceilings, report
 from benchmarks.studies.reward.variants import VARIANTS
 
 
@@ -37,6 +38,28 @@ def test_policies_come_best_first_and_are_ranked_against_their_encoders():
     assert [line.split(" | ")[0] for line in lines[2:5]] == ["| b_0", "| a_0", "| a_1"]
     assert lines[2] == "| b_0 | 30.0% | 0.600 | 1.5 |"
     assert "| pairs in order | 1.00 |" in lines and "| successes above, discounted | -1.00 |" in lines
+
+
+def test_ceilings_are_averaged_over_seeds():
+    seeds = {
+        str(seed): {"pair_accuracy_by_approach": {"0.5": 0.8 + seed / 10}, "kendall_tau_by_approach": {"0.5": 0.25}}
+        for seed in (0, 1)
+    }
+    assert report.ceiling_table(seeds).splitlines()[2:] == ["| 0.5 | 0.850 | 0.250 |"]
+
+
+def test_ideal_values_count_both_targets_and_the_robots_way():
+    boxes = np.zeros((4, 4, 4))
+    boxes[:, 0] = [0.5, 0.5, 0.2, 0.2]
+    boxes[:, 1, 0] = [0.1, 0.3, 0.5, 0.7]  # the robot brings the first target, walks to the second, brings it
+    boxes[:, 2, 0] = [0.3, 0.3, 0.5, 0.5]
+    boxes[:, 3, 0] = [0.9, 0.9, 0.9, 0.6]
+    np.testing.assert_allclose(ceilings.way_to_go(boxes, 0.0), [0.5, 0.5, 0.3, 0.0])
+    np.testing.assert_allclose(ceilings.way_to_go(boxes, 0.5), [0.8, 0.7, 0.5, 0.05])
+    found = ceilings.distances(boxes[:1, :, :])
+    reach = np.hypot(0.2, 0.5) + np.hypot(0.4, 0.5)
+    np.testing.assert_allclose(found["centre"], reach)
+    np.testing.assert_allclose(found["nearest"], np.hypot(0.1, 0.4) + np.hypot(0.3, 0.4))
 
 
 def test_a_report_keeps_its_own_words(tmp_path):

@@ -1,4 +1,4 @@
-"""Tables and figures of the study, from encoders.json and policies.json into report.md."""
+"""Tables and figures of the study, from its three result files into report.md."""
 
 from pathlib import Path
 from typing import Any
@@ -24,11 +24,13 @@ Rows = dict[str, dict[str, Any]]
 
 def write_report(folder: Path) -> None:
     """Writes the tables between the markers of report.md, and the figures beside it."""
-    encoders, policies = (
-        read_json(path) if path.exists() else {} for path in (folder / "encoders.json", folder / "policies.json")
+    encoders, policies, ceilings = (
+        read_json(path) if path.exists() else {}
+        for path in (folder / f"{name}.json" for name in ("encoders", "policies", "ceilings"))
     )
     report = folder / "report.md"
-    tables = "\n\n".join([encoder_table(encoders), policy_table(encoders, policies)])
+    parts = [encoder_table(encoders), ceiling_table(ceilings.get("seeds", {})), policy_table(encoders, policies)]
+    tables = "\n\n".join(parts)
     report.write_text(updated(report.read_text(), f"{tables}\n"))
     write_atomically(folder / "encoders.png", FigureCanvasAgg(encoder_figure(encoders)).print_png)
     write_atomically(folder / "oracle.png", FigureCanvasAgg(oracle_figure(encoders, policies)).print_png)
@@ -55,6 +57,16 @@ def encoder_table(encoders: Rows) -> str:
     for variant, first in measured["pair_accuracy"].items():
         cells = [f"{values[variant].mean():.3f} ({values[variant].min():.2f})" for values in measured.values()]
         lines.append(f"| {variant} | {' | '.join(cells)} | {len(first)} |")
+    return "\n".join(lines)
+
+
+def ceiling_table(seeds: dict[str, Any]) -> str:
+    """What ideal values of the way to go score, mean over seeds, for every weight of the robot's way."""
+    lines = ["| ideal value: way to go, robot's way times | pairs in order | Kendall's tau |", "|---|---|---|"]
+    rows = [(row["pair_accuracy_by_approach"], row["kendall_tau_by_approach"]) for row in seeds.values()]
+    for approach in rows[0][0] if rows else ():
+        pairs, taus = (np.mean([row[part][approach] for row in rows]) for part in (0, 1))
+        lines.append(f"| {approach} | {pairs:.3f} | {taus:.3f} |")
     return "\n".join(lines)
 
 

@@ -1,0 +1,105 @@
+"""What the audit's measures give for ideal values, computed from true boxes: no encoder can be expected to do better.
+
+    python -m benchmarks.studies.reward.ceilings
+
+Ideal is minus the way to go: the targets' summed distance to the region, plus `approach` times the robot's distance to
+the target that it brings next. Writes ceilings.json beside this file.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from benchmarks.context import measured_on
+from graphrl_jax import pipeline
+from graphrl_jax.compilation import configure
+from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.evaluators import kendall_tau
+from graphrl_jax.landscape import Landscape, pair_accuracy, share_above
+from graphrl_jax.runs import write_json
+from graphrl_jax.task import make_task
+
+REGION, ROBOT, TARGETS = 0, 1, slice(2, 4)
+APPROACHES = (0.0, 0.15, 0.5, 1.0)
+SEEDS = (0, 1, 2)
+SET_OFF = 0.01
+
+
+def distances(boxes: np.ndarray) -> dict[str, np.ndarray]:
+    """Targets' summed distances in scenes (M, N, 4) to the region's centre, to its nearest point, to a random one."""
+    centre, half = boxes[0, REGION, :2], boxes[0, REGION, 2:] / 2
+    offsets = boxes[:, TARGETS, :2] - centre
+    places = np.random.default_rng(0).uniform(-1, 1, (200, 2)) * half
+    length = np.linalg.norm
+    return {
+        "centre": length(offsets, axis=-1).sum(1),
+        "nearest": length(np.maximum(np.abs(offsets) - half, 0), axis=-1).sum(1),
+        "random": length(offsets[:, :, None] - places, axis=-1).mean(-1).sum(1),
+    }
+
+
+def nearest_target(boxes: np.ndarray) -> np.ndarray:
+    """The robot's distance to the nearest target in scenes (M, N, 4): (M,)."""
+    return np.linalg.norm(boxes[:, TARGETS, :2] - boxes[:, ROBOT, None, :2], axis=-1).min(1)
+
+
+def landscape_ceilings(landscape: Landscape) -> dict[str, Any]:
+    """Pair accuracy and finished above unfinished of every ideal distance; pair accuracy with approaches added."""
+    scenes, done, undone = (
+        distances(boxes) for boxes in (landscape.random_boxes, landscape.finished_boxes, landscape.unfinished_boxes)
+    )
+    robot = nearest_target(landscape.random_boxes)
+    truth = -landscape.random_distance
+    return {
+        "pair_accuracy": {name: pair_accuracy(-way, truth) for name, way in scenes.items()},
+        "finished_above_unfinished": {name: share_above(-done[name], -undone[name]) for name in done},
+        "pair_accuracy_by_approach": {
+            str(approach): pair_accuracy(-scenes["random"] - approach * robot, truth) for approach in APPROACHES
+        },
+    }
+
+
+def way_to_go(boxes: np.ndarray, approach: float) -> np.ndarray:
+    """Of one demonstration (T, N, 4): the targets' ways to their ends plus the robot's to the next target, (T,)."""
+    targets, robot = boxes[:, TARGETS, :2], boxes[:, ROBOT, :2]
+    left = np.linalg.norm(targets - targets[-1], axis=-1)
+    moved = np.linalg.norm(targets - targets[0], axis=-1) > SET_OFF
+    first, second = np.argsort(np.argmax(moved, axis=0))
+    # The second is next from the moment on that the first lies where it stays.
+    change = np.argmax(left[:, first] < SET_OFF)
+    before = np.arange(len(boxes)) < change
+    following = targets[np.arange(len(boxes)), np.where(before, first, second)]
+    between = np.linalg.norm(targets[change, first] - targets[change, second])
+    return left.sum(1) + approach * (np.linalg.norm(robot - following, axis=-1) + before * between)
+
+
+def tau_ceilings(demos: Demonstrations) -> dict[str, float]:
+    """Kendall's tau of the ideal one-dimensional embedding."""
+    taus = {}
+    for approach in APPROACHES:
+        embeddings = np.zeros((*demos.mask.shape[:2], 1), np.float32)
+        for index, length in enumerate(demos.lengths):
+            embeddings[index, :length, 0] = way_to_go(demos.boxes[index, :length], approach)
+        taus[str(approach)] = kendall_tau(jnp.asarray(embeddings), demos.lengths)
+    return taus
+
+
+def main() -> None:
+    """Computes and writes."""
+    configure()
+    task = make_task("match_regions")
+    results: dict[str, Any] = {}
+    for seed in SEEDS:
+        demos = task.demonstrate(pipeline.stage_key(seed, pipeline.DEMONSTRATIONS), 64)
+        results[str(seed)] = {
+            **landscape_ceilings(task.landscape(pipeline.stage_key(seed, pipeline.LANDSCAPE))),
+            "kendall_tau_by_approach": tau_ceilings(demos.split(0.75, seed)[1]),
+        }
+        print(seed, results[str(seed)])
+    write_json(Path(__file__).parent / "ceilings.json", {"seeds": results, **measured_on("studies.reward.ceilings")})
+
+
+if __name__ == "__main__":
+    main()
