@@ -56,7 +56,7 @@ class Options:
 
     num_envs: int = 1024
     steps: int = 16
-    repeats: int = 3
+    repeats: int = 11
     out: Path = Path("benchmarks/results/throughput.json")
 
     def __post_init__(self) -> None:
