@@ -29,7 +29,7 @@ VARIANTS = {
     "default": DEFAULT,
     "2 sub-steps": replace(DEFAULT, substeps=2),
     "4 sub-steps": replace(DEFAULT, substeps=4),
-    "1 iteration": replace(DEFAULT, iterations=1),
+    "2 iterations": replace(DEFAULT, iterations=2),
     "4 iterations": replace(DEFAULT, iterations=4, ls_iterations=8),
     "4 contact points": replace(DEFAULT, max_contact_points=4),
     "10 contact points": replace(DEFAULT, max_contact_points=10),

@@ -10,7 +10,9 @@ how they got there:
 - the robot starts anywhere and brings one object after the other, in any order; it may put one down on its way and come
   back for it. Time falls evenly on the way objects are brought; the way to the next one takes a fraction of it, enough
   to tell order and too little to outweigh objects;
-- what was never moved lies anywhere and is bumped to another place now and then, so that it tells nothing of progress;
+- what was never moved lies anywhere and is bumped to another place now and then, before the demonstration begins or
+  during it, so that neither its place nor its activity tells of progress (an encoder that saw no bumps from before
+  rewarded bumping itself, by a tenth of the way);
 - fixtures (`ObjectTable.is_fixture`) stay.
 
 Boxes, activity and time are all it takes; there is no paper behind it.
@@ -71,6 +73,7 @@ def rearrange(
     motion: Motion,
     times: jax.Array,
     bumped: ArrayLike,
+    bumped_before: ArrayLike,
     approach: ArrayLike,
 ) -> tuple[jax.Array, jax.Array]:
     """A demonstration, rearranged.
@@ -81,12 +84,13 @@ def rearrange(
       motion: of the demonstration.
       times: (F,) float32 in [0, 1], the frames wanted.
       bumped: probability that an object that was never moved gets a move of its own.
+      bumped_before: probability that such an object counts as moved from the first frame on.
       approach: time that the robot's way to an object takes, against bringing one as far.
 
     Returns:
       Boxes (F, N, 4) float32 and activity (F, N) bool.
     """
-    end_key, way_key, place_key, bump_key, trip_key, act_key = jax.random.split(key, 6)
+    end_key, way_key, place_key, bump_key, before_key, trip_key, act_key = jax.random.split(key, 7)
     robot, fixture = objects.robot_flags(), objects.fixture_flags()
     carried = motion.moved & ~robot & ~fixture
     here, there = jax.random.uniform(place_key, (2, *robot.shape, 2), minval=_MARGIN, maxval=1 - _MARGIN)
@@ -98,14 +102,16 @@ def rearrange(
     grips = (jnp.max(motion.last[:, 2:], axis=-1) + robot_size) / 2
     trips = _trips(trip_key, carried)
     brought, places = _bring(act_key, trips, starts, ends, grips, here[jnp.argmax(robot)], times, approach)
-    strays, strayed = _bumps(bump_key, ~carried & ~fixture & ~robot, times, bumped)
+    bystander = ~carried & ~fixture & ~robot
+    strays, strayed = _bumps(bump_key, bystander, times, bumped)
+    before = bystander & jax.random.bernoulli(before_key, bumped_before, robot.shape)
 
     starts = jnp.where(carried[:, None], starts, jnp.where(fixture[:, None], motion.first[:, :2], here))
     ends = jnp.where(carried[:, None], ends, jnp.where(strays[:, None], there, starts))
     share = jnp.where(carried, brought, jnp.where(robot, times[:, None], strayed))
     centres = jnp.where(robot[:, None], places[:, None], starts + share[..., None] * (ends - starts))
     sizes = motion.first[:, 2:] + share[..., None] * (motion.last - motion.first)[:, 2:]
-    return jnp.concatenate([centres, sizes], axis=-1), share > 0
+    return jnp.concatenate([centres, sizes], axis=-1), (share > 0) | before
 
 
 def _ends(key: jax.Array, motion: Motion, fixture: jax.Array) -> jax.Array:

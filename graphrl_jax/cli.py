@@ -89,7 +89,7 @@ class Pretrain:
     out: Path
     alpha: float = 2.0
     with_robot: bool = False
-    steps: int = 1000
+    steps: int = PretrainConfig().steps
     seed: int = 0
 
 

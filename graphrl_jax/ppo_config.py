@@ -29,7 +29,7 @@ class PPOConfig:
     num_envs: int = 1024
     unroll_length: int = 16
     num_epochs: int = 4
-    num_minibatches: int = 8
+    num_minibatches: int = 16
     episode_length: int = 120
     policy_hidden: tuple[int, ...] = (128, 128)
     value_hidden: tuple[int, ...] = (128, 128)

@@ -43,7 +43,7 @@ class PretrainConfig:
       ValueError: a value that is not allowed; the message names the field.
     """
 
-    steps: int = 1000
+    steps: int = 3000
     batch_size: int = 16
     num_frames: int = 40
     encoder: EncoderConfig = EncoderConfig()
@@ -79,6 +79,7 @@ class PretrainHyper:
     | reconstruction_weight | weight of box error plus class cross-entropy in the loss       |
     | rearranged            | share of demonstrations seen rearranged; 0 is the paper's way  |
     | bumped                | chance that a rearrangement moves an object never moved        |
+    | bumped_before         | chance that it shows such an object as moved from the start    |
     | approach              | time the robot's way to an object takes in a rearrangement, against bringing one as far |
     """
 
@@ -95,6 +96,7 @@ class PretrainHyper:
     reconstruction_weight: ArrayLike = 0.1
     rearranged: ArrayLike = 1.0
     bumped: ArrayLike = 0.2
+    bumped_before: ArrayLike = 0.5
     approach: ArrayLike = 0.15
 
 
@@ -202,7 +204,7 @@ def _show(
     choice_key, rearrange_key = jax.random.split(key)
     moves = jax.tree.map(lambda leaf: leaf[demonstration], motions)
     times = frames / jnp.maximum(data.lengths[demonstration] - 1, 1)
-    rearranged = rearrange(rearrange_key, data.objects, moves, times, hyper.bumped, hyper.approach)
+    rearranged = rearrange(rearrange_key, data.objects, moves, times, hyper.bumped, hyper.bumped_before, hyper.approach)
     original = data.boxes[demonstration, frames], moves.active[frames]
     choice = jax.random.bernoulli(choice_key, hyper.rearranged)
     boxes, active = (jnp.where(choice, new, old) for new, old in zip(rearranged, original, strict=True))

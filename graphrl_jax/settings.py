@@ -48,7 +48,7 @@ PRESETS: dict[str, Preset] = {
         demonstrations=64,
         pretrain=PretrainConfig(),
         ppo=PPOConfig(num_envs=1024),
-        updates=500,
+        updates=250,
         updates_per_chunk=10,
         episodes=256,
     ),

@@ -39,9 +39,9 @@ APPROACH = 0.2
 
 
 @jax.jit
-def many(bumped: float) -> tuple[jax.Array, jax.Array]:
+def many(bumped: float, before: float = 0.0) -> tuple[jax.Array, jax.Array]:
     keys = jax.random.split(jax.random.key(0), NUM)
-    return jax.vmap(lambda key: rearrange(key, OBJECTS, MOTION, TIMES, bumped, APPROACH))(keys)
+    return jax.vmap(lambda key: rearrange(key, OBJECTS, MOTION, TIMES, bumped, before, APPROACH))(keys)
 
 
 @pytest.fixture(scope="module")
@@ -123,13 +123,23 @@ def test_what_was_never_moved_lies_anywhere_and_is_bumped_on_request(rearranged)
     np.testing.assert_array_equal(went, bumped[:, -1, BYSTANDER])
 
 
+def test_what_was_bumped_before_counts_as_moved_throughout_and_only_if_never_carried(rearranged):
+    boxes, active = map(np.asarray, many(0.0, 0.5))
+    np.testing.assert_allclose(boxes, rearranged[0], atol=1e-6)
+    slots = [slot for slot in range(5) if slot != BYSTANDER]
+    np.testing.assert_array_equal(active[..., slots], rearranged[1][..., slots])
+    before = active[:, 0, BYSTANDER]
+    assert 0.25 < before.mean() < 0.75
+    np.testing.assert_array_equal(active[..., BYSTANDER], np.broadcast_to(before[:, None], active.shape[:2]))
+
+
 def test_the_robot_starts_anywhere(rearranged):
     assert (rearranged[0][:, 0, ROBOT, :2].std(axis=0) > 0.15).all()
 
 
 def test_where_nothing_was_moved_the_robot_stays():
     still = MOTION._replace(moved=jnp.zeros(5, bool))
-    boxes, active = rearrange(jax.random.key(0), OBJECTS, still, jnp.asarray(TIMES), 0.0, APPROACH)
+    boxes, active = rearrange(jax.random.key(0), OBJECTS, still, jnp.asarray(TIMES), 0.0, 0.0, APPROACH)
     assert np.isfinite(boxes).all() and not active[:, [FIRST, SECOND, BYSTANDER]].any()
     np.testing.assert_array_equal(boxes[:, ROBOT, :2], np.broadcast_to(boxes[0, ROBOT, :2], (TIMES.size, 2)))
 
@@ -164,6 +174,6 @@ def test_the_papers_way_ignores_what_rearranging_is_told():
         return np.asarray(pretrain.train(config, hyper, data, jax.random.key(0))[1]["loss"])
 
     paper = losses(rearranged=0.0)
-    np.testing.assert_array_equal(paper, losses(rearranged=0.0, bumped=1.0, approach=1.0))
+    np.testing.assert_array_equal(paper, losses(rearranged=0.0, bumped=1.0, bumped_before=1.0, approach=1.0))
     mixed = losses(rearranged=1.0)
     assert np.isfinite(mixed).all() and not np.allclose(paper, mixed)

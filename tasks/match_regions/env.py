@@ -3,14 +3,20 @@
 Action (3,) in [-1, 1]: speed (0.8 units/s forwards, 0.6 backwards), turn (2.5 rad/s, counter-clockwise positive) and
 gripper (closed below 0, open from 0 on): MAGICAL's controls with continuous speed and turn.
 
-Observation (50,), lengths in arena units, "ahead" and "left" in the robot's frame:
+Observation (57,), lengths in arena units, "ahead" and "left" in the robot's frame:
 
     0:6     robot x, y, sin and cos of its angle, finger openings / (pi / 8)
     6:11    robot velocity ahead and left, turn rate, finger rates
     11:13   centre of the goal region: ahead, left
-    13:48   for each block: position of its centre ahead, left; sine and cosine of its angle against the robot's;
-            velocity ahead, left; and whether its centre is inside the region
-    48:50   for each target, its distance to the region at the start of the episode
+    13:24   the target to see to: position of its centre ahead, left; sine and cosine of its angle against the robot's;
+            velocity ahead, left; whether its centre is inside the region; its distance from the robot's centre and the
+            direction towards it (ahead, left); its distance to the region at the start of the episode
+    24:35   the other target, likewise
+    35:36   1 if the target to see to is the star, else 0
+    36:57   for each distractor, the first seven of these numbers
+
+The target to see to is the nearer one of those outside the region, or the nearer one if both are inside or outside.
+What a policy learns about bringing one target so holds for the other as well.
 """
 
 import dataclasses
@@ -84,7 +90,7 @@ class MatchRegions(Task):
     episode_length = 120
     frame_rate = 1 / CONTROL_DT
     action_size = 3
-    observation_size = 50
+    observation_size = 57
 
     def __init__(
         self, layout: layouts.Layout | None = None, physics: Physics | None = None, reward: Reward | None = None
@@ -201,6 +207,8 @@ def grasp_point(qpos: jax.Array) -> jax.Array:
 
 GRASP_REACH = 0.32
 REACH_PER_TARGET = 1.5
+# More than any distance in the arena.
+_PLACED_LAST = 10.0
 
 
 def environment_reward(state: PhysicsState, constants: Reward) -> jax.Array:
@@ -219,7 +227,7 @@ def environment_reward(state: PhysicsState, constants: Reward) -> jax.Array:
 
 
 def observe(state: PhysicsState) -> jax.Array:
-    """The observation described in the module's docstring: (50,)."""
+    """The observation described in the module's docstring: (57,)."""
     qpos, qvel = state.qpos, state.qvel
     ahead = geometry.heading(qpos[2])
     frame = jnp.stack([ahead, jnp.stack([-ahead[1], ahead[0]])])  # world to (ahead, left)
@@ -234,4 +242,9 @@ def observe(state: PhysicsState) -> jax.Array:
         [position, jnp.sin(angle)[:, None], jnp.cos(angle)[:, None], velocity, inside[:, None]], axis=-1
     )
     region = frame @ (geometry.region_centre() - qpos[:2])
-    return jnp.concatenate([robot, rates, region, per_block.ravel(), state.initial_distance])
+    distance = jnp.linalg.norm(position[:NUM_TARGETS], axis=-1, keepdims=True)
+    towards = position[:NUM_TARGETS] / jnp.maximum(distance, 1e-6)
+    targets = jnp.concatenate([per_block[:NUM_TARGETS], distance, towards, state.initial_distance[:, None]], axis=-1)
+    order = jnp.argsort(distance[:, 0] + _PLACED_LAST * inside[:NUM_TARGETS])
+    star_first = (order[:1] == 0).astype(jnp.float32)
+    return jnp.concatenate([robot, rates, region, targets[order].ravel(), star_first, per_block[NUM_TARGETS:].ravel()])

@@ -35,7 +35,7 @@ class Physics:
     """
 
     substeps: int = 3
-    iterations: int = 2
+    iterations: int = 1
     ls_iterations: int = 4
     max_contact_points: int = 6
     drive_force: float = 3.0
@@ -77,7 +77,7 @@ def _finger(side: str, sign: int, physics: Physics) -> str:
 
 def _block(name: str, physics: Physics) -> str:
     # Dry friction acts per axis; pi / 4 makes its mean over all directions of motion MAGICAL's limit.
-    # The damping ends the creep that two solver iterations leave in it.
+    # The damping ends the creep that one solver iteration leaves in it.
     friction = physics.block_friction_force * math.pi / 4
     inertia = 0.5 * BLOCK_MASS * BLOCK_SIZE**2
     return f"""
