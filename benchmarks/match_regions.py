@@ -2,8 +2,9 @@
 
     python -m benchmarks.match_regions env runs/env_0 runs/env_1 runs/env_2
 
-Writes `benchmarks/results/match_regions_NAME.json` and, beside it, the learning curves and a few frames of the first
-run's video as PNGs.
+Learned rewards are audited besides, on landscapes and trajectories that no training saw. Writes
+`benchmarks/results/match_regions_NAME.json` and, beside it, the learning curves, a few frames of the first run's video
+and, for a learned reward, its exploits and landscape as PNGs.
 """
 
 import math
@@ -19,12 +20,22 @@ from matplotlib.figure import Figure
 from scipy.stats import t as student
 
 from benchmarks.context import measured_on
-from graphrl_jax.cli import evaluate_run
+from benchmarks.exploits import exploit_figure, unseen_audit, unseen_trajectories
+from graphrl_jax import pipeline, plots
+from graphrl_jax.cli import load_run
 from graphrl_jax.compilation import configure
+from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.landscape import audit
+from graphrl_jax.reward import RewardModel
 from graphrl_jax.runs import Run, read_json, write_atomically, write_json
 
 RESULTS = Path("benchmarks/results")
-KEPT = ("env_steps", "train_steps_per_s", "wall_s", "compile_s", "training_seed", "resumed", "device", "encoder")
+KEPT = ("env_steps", "train_steps_per_s", "wall_s", "compile_s", "training_seed", "resumed", "device")
+CURVES = {
+    "success": "success, training episodes",
+    "graph_reward": "learned reward, mean per step",
+    "env_reward": "environmental reward, mean per step",
+}
 
 
 @dataclass(frozen=True)
@@ -52,13 +63,18 @@ def interval(values: list[float], confidence: float = 0.95) -> list[float] | Non
     return [max(0.0, float(np.mean(values) - half)), min(1.0, float(np.mean(values) + half))]
 
 
-def together(options: Options) -> dict[str, Any]:
-    """Outcome of every run, and mean and interval over them."""
+def together(options: Options, unseen: Demonstrations | None) -> dict[str, Any]:
+    """Outcome of every run, its reward's audit if that was learned, and mean and interval over the runs."""
     members = []
     for path in options.runs:
+        task, settings, reward, policy = load_run(Run(path))
+        member = pipeline.evaluate_policy(task, settings, reward, policy, options.episodes, options.seed)
         summary = read_json(path / "summary.json")
-        outcome = evaluate_run(Run(path), options.episodes, options.seed)
-        members.append({**outcome, **{name: summary[name] for name in KEPT if name in summary}})
+        member |= {name: summary[name] for name in KEPT if name in summary}
+        if unseen is not None:
+            audited = unseen_audit(task, reward, unseen, options.seed)
+            member |= {"pretrain_s": summary["encoder"]["pretrain_s"], "audit": audited}
+        members.append(member)
     rates = [member["success_rate"] for member in members]
     return {
         "success_rate": float(np.mean(rates)),
@@ -69,17 +85,17 @@ def together(options: Options) -> dict[str, Any]:
 
 
 def learning_curves(runs: tuple[Path, ...], path: Path) -> None:
-    """Success of finished training episodes (varied starts included) over environment steps, a line per run."""
-    figure = Figure(figsize=(6, 3.6), dpi=120)
-    axes = figure.subplots()
-    for run in runs:
-        records = Run(run).records("ppo")
-        steps = [record["env_steps"] / 1e6 for record in records]
-        axes.plot(steps, [record["success"] for record in records], label=run.name)
-    axes.set(xlabel="environment steps (millions)", ylabel="success, training episodes", ylim=(-0.02, 1.02))
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False)
-    figure.tight_layout()
+    """Success of finished training episodes (varied starts included) and rewards over steps, a line per run."""
+    records = {run.name: Run(run).records("ppo") for run in runs}
+    shown = [name for name in CURVES if all(name in lines[-1] for lines in records.values())]
+    figure = Figure(figsize=(4 * len(shown), 3.4), dpi=120, layout="constrained")
+    for axes, name in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
+        for run, lines in records.items():
+            axes.plot([line["env_steps"] / 1e6 for line in lines], [line[name] for line in lines], label=run)
+        axes.set(xlabel="environment steps (millions)", ylabel=CURVES[name])
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.axes[0].set_ylim(-0.02, 1.02)
+    figure.axes[0].legend(frameon=False, fontsize=8)
     write_atomically(path, FigureCanvasAgg(figure).print_png)
 
 
@@ -95,10 +111,17 @@ def main() -> None:
     options = tyro.cli(Options, description=__doc__)
     configure()
     where = measured_on("match_regions")
-    results = together(options)
-    write_json(RESULTS / f"match_regions_{options.name}.json", {**results, **where})
-    learning_curves(options.runs, RESULTS / f"match_regions_{options.name}.png")
-    film_strip(options.runs[0], RESULTS / f"match_regions_{options.name}_rollout.png")
+    task, _, reward, _ = load_run(Run(options.runs[0]))
+    unseen = unseen_trajectories(task, options.seed) if isinstance(reward, RewardModel) else None
+    results = together(options, unseen)
+    name = f"match_regions_{options.name}"
+    write_json(RESULTS / f"{name}.json", {**results, **where})
+    learning_curves(options.runs, RESULTS / f"{name}.png")
+    film_strip(options.runs[0], RESULTS / f"{name}_rollout.png")
+    if unseen is not None:
+        exploit_figure(reward, unseen, RESULTS / f"{name}_exploits.png")
+        scenes = task.landscape(pipeline.stage_key(options.seed, pipeline.LANDSCAPE))
+        plots.landscape(audit(reward, scenes), RESULTS / f"{name}_landscape.png")
     print({name: results[name] for name in ("success_rate", "success_interval_95", "mean_score")})
 
 

@@ -215,7 +215,7 @@ def evaluate(request: Evaluate) -> None:
     if request.episodes < 1:
         raise ValueError(f"--episodes is {request.episodes}; allowed: 1 or more")
     run = Run(request.run)
-    trained = _load(run)
+    trained = load_run(run)
     outcome = pipeline.evaluate_policy(*trained, request.episodes, request.seed)
     if request.video_episodes:
         video = request.out or run.path / f"evaluation_{request.seed}.mp4"
@@ -223,13 +223,8 @@ def evaluate(request: Evaluate) -> None:
     print(json.dumps(outcome))
 
 
-def evaluate_run(run: Run, episodes: int, seed: int) -> dict[str, Any]:
-    """Success rate, mean score and mean return of a finished run's policy; see `pipeline.evaluate_policy`."""
-    return pipeline.evaluate_policy(*_load(run), episodes, seed)
-
-
-def _load(run: Run) -> tuple[Task, Settings, Any, Any]:
-    """Task, settings, reward parameters and policy of a run's directory."""
+def load_run(run: Run) -> tuple[Task, Settings, Any, Any]:
+    """Task, settings, reward parameters and policy of a finished run's directory."""
     settings = _settings(run)
     task = make_task(settings.task)
     reward_params: Any = np.float32(settings.pretrain.tau)

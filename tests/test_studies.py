@@ -11,7 +11,7 @@ from benchmarks.studies.reward.variants import VARIANTS
 
 
 def encoder(variant: str, pair_accuracy: float) -> dict:
-    others = dict.fromkeys(("finished_above_unfinished", "maxima_inside", "kendall_tau"), 1.0)
+    others = dict.fromkeys(("finished_above_unfinished", "maxima_inside", "value_order_correlation"), 1.0)
     sums = {"undiscounted": 1.0, "discounted": 1 - pair_accuracy}
     return {"variant": variant, "pair_accuracy": pair_accuracy, "successes_above": sums, **others}
 
@@ -42,10 +42,14 @@ def test_policies_come_best_first_and_are_ranked_against_their_encoders():
 
 def test_ceilings_are_averaged_over_seeds():
     seeds = {
-        str(seed): {"pair_accuracy_by_approach": {"0.5": 0.8 + seed / 10}, "kendall_tau_by_approach": {"0.5": 0.25}}
+        str(seed): {
+            "pair_accuracy_by_approach": {"0.5": 0.8 + seed / 10},
+            "rank_correlation_by_approach": {"0.5": 0.5},
+            "kendall_tau_by_approach": {"0.5": 0.25},
+        }
         for seed in (0, 1)
     }
-    assert report.ceiling_table(seeds).splitlines()[2:] == ["| 0.5 | 0.850 | 0.250 |"]
+    assert report.ceiling_table(seeds).splitlines()[2:] == ["| 0.5 | 0.850 | 0.500 | 0.250 |"]
 
 
 def test_ideal_values_count_both_targets_and_the_robots_way():

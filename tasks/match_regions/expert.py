@@ -25,9 +25,11 @@ CLEAR_DISTANCE = 0.52
 MAX_JOBS = 2
 TAIL_FRAMES = 4
 BATCH, MAX_BATCHES = 64, 8
-FAILURES = ("one_target", "distractor_in", "target_out", "corner", "nothing")
+FAILURES = ("one_target", "distractor_in", "target_out", "corner", "bystander", "touched", "nothing")
 """Kinds of deliberate failure: only one target placed; a distractor dragged in instead of the second target; a target
-placed and dragged out again; a target shoved past the region into a corner; nothing touched."""
+placed and dragged out again; a target shoved past the region into a corner; one target placed and then a distractor
+dragged about; both targets only set in motion; nothing touched. Bystanders and touches pay under rewards that take
+activity for progress."""
 
 
 class Plan(NamedTuple):
@@ -71,23 +73,24 @@ def draw_plan(key: jax.Array, kind: jax.Array) -> Plan:
     distractor = 2 + jax.random.randint(goal_key, (), 0, 3)
     outside = jnp.array([[0.75, -0.5], [-0.25, 0.55]])
     corner = jnp.array([[0.85, 0.85], [0.8, 0.85]])
-    block = jnp.array(
-        [[first, second], [first, second], [first, distractor], [first, first], [first, second], [first, second]]
-    )[kind]
-    goal = jnp.stack(
-        [
-            goals[jnp.array([first, second])],
-            goals[jnp.array([first, second])],
-            goals[jnp.array([first, second])],
-            jnp.stack([goals[first], outside[first]]),
-            corner[jnp.array([first, second])],
-            goals,
-        ]
-    )[kind]
+    aside = jnp.array([-0.25, 0.45])
+    nudged = jnp.array([[0.6, -0.5], [-0.5, 0.5]])
+    both, one_of_each = jnp.array([first, second]), jnp.array([first, distractor])
+    jobs = [  # blocks, goals and how many jobs to do: success, then `FAILURES`
+        (both, goals[both], 2),
+        (both, goals[both], 1),
+        (one_of_each, goals[both], 2),
+        (jnp.array([first, first]), jnp.stack([goals[first], outside[first]]), 2),
+        (both, corner[both], 1),
+        (one_of_each, jnp.stack([goals[first], aside]), 2),
+        (both, nudged[both], 2),
+        (both, goals[both], 0),
+    ]
+    block, goal, count = (jnp.stack([jnp.asarray(part) for part in parts])[kind] for parts in zip(*jobs, strict=True))
     return Plan(
         block=block,
         goal=goal,
-        jobs=jnp.array([2, 1, 2, 2, 1, 0])[kind],
+        jobs=count,
         speed=jax.random.uniform(speed_key, minval=0.9, maxval=1.0),
         side=jax.random.uniform(side_key, (MAX_JOBS,), minval=-0.1, maxval=0.1),
         pause=jax.random.randint(pause_key, (), 0, 3),

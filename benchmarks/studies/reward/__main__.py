@@ -8,16 +8,17 @@ from typing import Any
 import tyro
 
 from benchmarks.context import measured_on
+from benchmarks.exploits import unseen_audit, unseen_trajectories
 from benchmarks.studies import reward as study
 from benchmarks.studies.reward.report import write_report
 from benchmarks.studies.reward.variants import VARIANTS, Variant
 from graphrl_jax import demonstrations as demonstration_files
-from graphrl_jax import pipeline
+from graphrl_jax import pipeline, plots
 from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.landscape import audit, trajectory_scores
+from graphrl_jax.landscape import audit
 from graphrl_jax.progress import Progress
-from graphrl_jax.reward import RewardModel, fit_reward
+from graphrl_jax.reward import fit_reward
 from graphrl_jax.runs import Run, read_json, write_json
 from graphrl_jax.settings import PRESETS, Settings
 from graphrl_jax.task import Task, make_task
@@ -25,6 +26,9 @@ from graphrl_jax.task import Task, make_task
 FOLDER = Path(__file__).parent
 # Everything but the numbers is made anew when missing.
 RUNS = Path("runs/studies/reward")
+# Of the landscape and the trajectories that judge all members alike.
+UNSEEN_SEED = 7
+PICTURED = ("paper_0", "default_0")
 
 
 @dataclass(frozen=True)
@@ -51,7 +55,7 @@ class Policies:
     """
 
     members: tyro.conf.Positional[tuple[str, ...]]
-    updates: int = 250
+    updates: int = 100
     episodes: int = 128
 
 
@@ -76,11 +80,12 @@ def main() -> None:
 def encoders(request: Encoders) -> None:
     """Adds a row to encoders.json for every member that it lacks."""
     task = make_task("match_regions")
+    unseen = unseen_trajectories(task, UNSEEN_SEED)
     for name in request.variants:
         for seed in request.seeds:
             member = f"{name}_{seed}"
             if member not in _table("encoders"):
-                _add("encoders", member, encoder_row(task, name, seed))
+                _add("encoders", member, encoder_row(task, name, seed, unseen))
 
 
 def policies(request: Policies) -> None:
@@ -91,7 +96,7 @@ def policies(request: Policies) -> None:
             _add("policies", member, policy_row(task, member, request))
 
 
-def encoder_row(task: Task, name: str, seed: int) -> dict[str, Any]:
+def encoder_row(task: Task, name: str, seed: int, unseen: Demonstrations) -> dict[str, Any]:
     """Trains one encoder; its audit with the goal of rearrangements and with that of the demonstrations alone."""
     variant = VARIANTS[name]
     config, hyper = variant.settings()
@@ -103,20 +108,17 @@ def encoder_row(task: Task, name: str, seed: int) -> dict[str, Any]:
         model, numbers = pipeline.train_encoder(run, demos, config, hyper, seed, progress)
     fitted = demos.successes().split(0.75, seed)[0]
     bare = fit_reward(model.params, fitted, model.alpha, model.suppress_robot, model.tau)
+    if f"{name}_{seed}" in PICTURED:
+        scenes = task.landscape(pipeline.stage_key(UNSEEN_SEED, pipeline.LANDSCAPE))
+        plots.landscape(audit(model, scenes), FOLDER / f"landscape_{name}.png")
     return {
         "variant": name,
         "factor": variant.factor,
         "seed": seed,
-        **numbers,
-        **judged(task, model, demos, seed),
-        "demonstrated_goal": judged(task, bare, demos, seed),
+        "pretrain_s": numbers["pretrain_s"],
+        **unseen_audit(task, model, unseen, UNSEEN_SEED),
+        "demonstrated_goal": unseen_audit(task, bare, unseen, UNSEEN_SEED),
     }
-
-
-def judged(task: Task, model: RewardModel, demos: Demonstrations, seed: int) -> dict[str, Any]:
-    """Landscape audit and the scores of fixed trajectories, in numbers."""
-    landscape = task.landscape(pipeline.stage_key(seed, pipeline.LANDSCAPE))
-    return {**audit(model, landscape).numbers(), **trajectory_scores(model, demos)}
 
 
 def policy_row(task: Task, member: str, request: Policies) -> dict[str, Any]:

@@ -9,20 +9,19 @@ the target that it brings next. Writes ceilings.json beside this file.
 from pathlib import Path
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.context import measured_on
 from graphrl_jax import pipeline
 from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.evaluators import kendall_tau
+from graphrl_jax.evaluators import kendall_tau, value_order_correlation
 from graphrl_jax.landscape import Landscape, pair_accuracy, share_above
 from graphrl_jax.runs import write_json
 from graphrl_jax.task import make_task
 
 REGION, ROBOT, TARGETS = 0, 1, slice(2, 4)
-APPROACHES = (0.0, 0.15, 0.5, 1.0)
+APPROACHES = (0.0, 0.05, 0.15, 0.5, 1.0)
 SEEDS = (0, 1, 2)
 SET_OFF = 0.01
 
@@ -75,15 +74,16 @@ def way_to_go(boxes: np.ndarray, approach: float) -> np.ndarray:
     return left.sum(1) + approach * (np.linalg.norm(robot - following, axis=-1) + before * between)
 
 
-def tau_ceilings(demos: Demonstrations) -> dict[str, float]:
-    """Kendall's tau of the ideal one-dimensional embedding."""
-    taus = {}
+def time_ceilings(demos: Demonstrations) -> dict[str, dict[str, float]]:
+    """Rank correlation with time of the ideal value, and Kendall's tau of it as a one-dimensional embedding."""
+    correlations, taus = {}, {}
     for approach in APPROACHES:
-        embeddings = np.zeros((*demos.mask.shape[:2], 1), np.float32)
+        values = np.zeros(demos.mask.shape[:2], np.float32)
         for index, length in enumerate(demos.lengths):
-            embeddings[index, :length, 0] = way_to_go(demos.boxes[index, :length], approach)
-        taus[str(approach)] = kendall_tau(jnp.asarray(embeddings), demos.lengths)
-    return taus
+            values[index, :length] = -way_to_go(demos.boxes[index, :length], approach)
+        correlations[str(approach)] = float(np.mean(value_order_correlation(values, demos.lengths)))
+        taus[str(approach)] = kendall_tau(values[..., None], demos.lengths)
+    return {"rank_correlation_by_approach": correlations, "kendall_tau_by_approach": taus}
 
 
 def main() -> None:
@@ -95,7 +95,7 @@ def main() -> None:
         demos = task.demonstrate(pipeline.stage_key(seed, pipeline.DEMONSTRATIONS), 64)
         results[str(seed)] = {
             **landscape_ceilings(task.landscape(pipeline.stage_key(seed, pipeline.LANDSCAPE))),
-            "kendall_tau_by_approach": tau_ceilings(demos.split(0.75, seed)[1]),
+            **time_ceilings(demos.split(0.75, seed)[1]),
         }
         print(seed, results[str(seed)])
     write_json(Path(__file__).parent / "ceilings.json", {"seeds": results, **measured_on("studies.reward.ceilings")})
