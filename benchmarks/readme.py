@@ -16,6 +16,15 @@ METHODS = {
     "graph_with_robot": "graph reward, w/ robot",
 }
 
+AUDIT = {
+    "pair_accuracy": "pairs of random scenes in order",
+    "finished_above_unfinished": "finished above unfinished",
+    "maxima_inside": "maxima inside the region",
+    "value_order_correlation": "rank correlation with time",
+    "undiscounted": "successes above failures",
+    "discounted": "the same, discounted",
+}
+
 
 def success_table() -> str:
     """Success of the policies trained on each reward."""
@@ -35,6 +44,19 @@ def success_table() -> str:
             f"| {label} | **{result['success_rate']:.1%}** | {shown} | {result['mean_score']:.3f} | {len(runs)} "
             f"| {runs[0]['env_steps'] / 1e6:.1f} M | {minutes[0]:.0f} to {minutes[-1]:.0f} |"
         )
+    return "\n".join(rows)
+
+
+def audit_table() -> str:
+    """How the learned rewards fare on landscapes and trajectories that no training saw, means over seeds."""
+    rows = [f"| reward | {' | '.join(AUDIT.values())} |", "|---" * (len(AUDIT) + 1) + "|"]
+    for name, label in METHODS.items():
+        result = _result(f"match_regions_{name}")
+        if result is None or "audit" not in result["runs"][0]:
+            continue
+        audits = [run["audit"] | run["audit"]["successes_above"] for run in result["runs"]]
+        means = [sum(audit[measure] for audit in audits) / len(audits) for measure in AUDIT]
+        rows.append(f"| {label} | {' | '.join(f'{mean:.3f}' for mean in means)} |")
     return "\n".join(rows)
 
 
@@ -58,7 +80,7 @@ def throughput_table() -> str:
 
 def results() -> str:
     """Everything between the README's two markers."""
-    return f"{success_table()}\n\n{throughput_table()}\n"
+    return f"{success_table()}\n\n{audit_table()}\n\n{throughput_table()}\n"
 
 
 def updated(text: str, tables: str) -> str:

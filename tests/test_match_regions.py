@@ -254,6 +254,15 @@ def test_the_target_to_see_to_comes_first(star, square, star_first) -> None:
     rows = [[y, -x] for x, y in (star, square)]
     np.testing.assert_allclose(obs[[13, 14, 24, 25]], np.ravel(rows if star_first else rows[::-1]), atol=1e-5)
     assert obs[35] == star_first and obs[23] == (1.0 if star_first else 2.0)
+    in_slots = np.asarray(env.observe(state, targets_in_order=False))
+    np.testing.assert_allclose(in_slots[[13, 14, 24, 25]], np.ravel(rows), atol=1e-5)
+    np.testing.assert_array_equal(np.delete(in_slots, np.s_[13:36]), np.delete(obs, np.s_[13:36]))
+
+
+def test_training_keeps_what_the_task_was_told() -> None:
+    task = env.MatchRegions(targets_in_order=False, varied=0.25).with_reward(reach=0.5).training()
+    assert task.layout == layouts.Training(layouts.Demo(), 0.25)
+    assert (task.targets_in_order, task.reward.reach) == (False, 0.5)
 
 
 def test_a_target_that_starts_in_its_place_counts_as_moved():

@@ -16,14 +16,15 @@ def encoder(variant: str, pair_accuracy: float) -> dict:
     return {"variant": variant, "pair_accuracy": pair_accuracy, "successes_above": sums, **others}
 
 
-def policy(score: float) -> dict:
-    return {"success_rate": score / 2, "mean_score": score, "env_steps": 1_500_000}
+def policy(encoder: str, score: float, variant: str = "default") -> dict:
+    outcome = {"success_rate": score / 2, "mean_score": score, "env_steps": 1_500_000}
+    return {"encoder": encoder, "variant": variant, **outcome}
 
 
 ENCODERS = {
     "a_0": encoder("a", 0.75), "a_1": encoder("a", 0.25), "b_0": encoder("b", 0.9), "b_1": encoder("b", 0.8)
 }  # fmt: skip
-POLICIES = {"a_0": policy(0.2), "a_1": policy(0.1), "b_0": policy(0.6)}
+POLICIES = {name: policy(name, score) for name, score in (("a_0", 0.2), ("a_1", 0.1), ("b_0", 0.6))}
 
 
 def test_encoders_are_averaged_over_seeds_with_the_worst_beside():
@@ -34,10 +35,18 @@ def test_encoders_are_averaged_over_seeds_with_the_worst_beside():
 
 
 def test_policies_come_best_first_and_are_ranked_against_their_encoders():
-    lines = report.policy_table(ENCODERS, POLICIES).splitlines()
+    lines = report.oracle_table(ENCODERS, POLICIES).splitlines()
     assert [line.split(" | ")[0] for line in lines[2:5]] == ["| b_0", "| a_0", "| a_1"]
     assert lines[2] == "| b_0 | 30.0% | 0.600 | 1.5 |"
     assert "| pairs in order | 1.00 |" in lines and "| successes above, discounted | -1.00 |" in lines
+
+
+def test_ways_to_train_policies_are_compared_on_the_encoders_they_share():
+    others = {f"{name}.slots": policy(name, 0.5, "slots") for name in ("a_0", "a_1")}
+    assert report.policy_table(POLICIES | others).splitlines()[2:] == [
+        "| default | 7.5% | 0.150 | 2 |",
+        "| slots | 25.0% | 0.500 | 2 |",
+    ]
 
 
 def test_ceilings_are_averaged_over_seeds():
@@ -68,7 +77,8 @@ def test_ideal_values_count_both_targets_and_the_robots_way():
 
 def test_a_report_keeps_its_own_words(tmp_path):
     (tmp_path / "report.md").write_text(f"# Words\n{BEGIN}old{END}\nmore words\n")
-    for name, rows in (("encoders", ENCODERS), ("policies", POLICIES)):
+    other = {"a_0.slots": policy("a_0", 0.5, "slots")}
+    for name, rows in (("encoders", ENCODERS), ("policies", POLICIES | other)):
         (tmp_path / f"{name}.json").write_text(json.dumps(rows))
     report.write_report(tmp_path)
     text = (tmp_path / "report.md").read_text()

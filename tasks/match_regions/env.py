@@ -82,7 +82,14 @@ class Reward:
 
 
 class MatchRegions(Task):
-    """See the module's docstring; `layout` chooses where episodes start (see `layouts.py`)."""
+    """See the module's docstring.
+
+    Args:
+      layout: where episodes start (see `layouts.py`).
+      physics, reward: constants.
+      targets_in_order: observe the target to see to first; otherwise the star always comes first.
+      varied: share of training episodes that start part of the way to the goal (see `layouts.Training`).
+    """
 
     name = "match_regions"
     objects = OBJECTS
@@ -93,11 +100,18 @@ class MatchRegions(Task):
     observation_size = 57
 
     def __init__(
-        self, layout: layouts.Layout | None = None, physics: Physics | None = None, reward: Reward | None = None
+        self,
+        layout: layouts.Layout | None = None,
+        physics: Physics | None = None,
+        reward: Reward | None = None,
+        targets_in_order: bool = True,
+        varied: float = 0.7,
     ):
         self.layout = layout or layouts.Demo()
         self.physics = physics or Physics()
         self.reward = reward or Reward()
+        self.targets_in_order = targets_in_order
+        self.varied = varied
         self.mj_model = build_model(self.physics)
         self._model = mjx.put_model(self.mj_model)
         self._template = mjx.make_data(self.mj_model)
@@ -111,14 +125,15 @@ class MatchRegions(Task):
         metrics = {"success": zero, "score": zero}
         # A target that starts in its place counts as moved, as it does wherever it was brought there.
         active = jnp.zeros(OBJECTS.num_slots, bool).at[2 : 2 + NUM_TARGETS].set(placed_targets(qpos))
-        return State(physics, observe(physics), zero, zero, metrics, {"active": active})
+        return State(physics, observe(physics, self.targets_in_order), zero, zero, metrics, {"active": active})
 
     def step(self, state: State, action: jax.Array) -> State:
         physics = self.advance(state.pipeline_state, action)
         value = score(physics.qpos)
         metrics = {**state.metrics, "success": (value == 1.0).astype(jnp.float32), "score": value}
         reward = environment_reward(physics, self.reward)
-        return state.replace(pipeline_state=physics, obs=observe(physics), reward=reward, metrics=metrics)
+        obs = observe(physics, self.targets_in_order)
+        return state.replace(pipeline_state=physics, obs=obs, reward=reward, metrics=metrics)
 
     def advance(self, state: PhysicsState, action: jax.Array) -> PhysicsState:
         """One control step of physics under `action` (3,)."""
@@ -148,11 +163,15 @@ class MatchRegions(Task):
         return jnp.append(placed, placed.all())
 
     def training(self) -> "MatchRegions":
-        return MatchRegions(layouts.Training(self.layout), self.physics, self.reward)
+        return self._changed(layout=layouts.Training(self.layout, self.varied))
 
     def with_reward(self, **changes: float) -> "MatchRegions":
         """The same task with some constants of its reward changed."""
-        return MatchRegions(self.layout, self.physics, dataclasses.replace(self.reward, **changes))
+        return self._changed(reward=dataclasses.replace(self.reward, **changes))
+
+    def _changed(self, **changes: Any) -> "MatchRegions":
+        names = ("layout", "physics", "reward", "targets_in_order", "varied")
+        return MatchRegions(**({name: getattr(self, name) for name in names} | changes))
 
     def demonstrate(self, key: jax.Array, successes: int, failures: int = 0) -> Demonstrations:
         from tasks.match_regions.expert import demonstrate
@@ -226,8 +245,8 @@ def environment_reward(state: PhysicsState, constants: Reward) -> jax.Array:
     return constants.scale * jnp.tanh(potential / NUM_TARGETS)
 
 
-def observe(state: PhysicsState) -> jax.Array:
-    """The observation described in the module's docstring: (57,)."""
+def observe(state: PhysicsState, targets_in_order: bool = True) -> jax.Array:
+    """The observation described in the module's docstring: (57,); not `targets_in_order`, the star comes first."""
     qpos, qvel = state.qpos, state.qvel
     ahead = geometry.heading(qpos[2])
     frame = jnp.stack([ahead, jnp.stack([-ahead[1], ahead[0]])])  # world to (ahead, left)
@@ -245,6 +264,8 @@ def observe(state: PhysicsState) -> jax.Array:
     distance = jnp.linalg.norm(position[:NUM_TARGETS], axis=-1, keepdims=True)
     towards = position[:NUM_TARGETS] / jnp.maximum(distance, 1e-6)
     targets = jnp.concatenate([per_block[:NUM_TARGETS], distance, towards, state.initial_distance[:, None]], axis=-1)
-    order = jnp.argsort(distance[:, 0] + _PLACED_LAST * inside[:NUM_TARGETS])
+    order = jnp.arange(NUM_TARGETS)
+    if targets_in_order:
+        order = jnp.argsort(distance[:, 0] + _PLACED_LAST * inside[:NUM_TARGETS])
     star_first = (order[:1] == 0).astype(jnp.float32)
     return jnp.concatenate([robot, rates, region, targets[order].ravel(), star_first, per_block[NUM_TARGETS:].ravel()])

@@ -11,17 +11,19 @@ from benchmarks.context import measured_on
 from benchmarks.exploits import unseen_audit, unseen_trajectories
 from benchmarks.studies import reward as study
 from benchmarks.studies.reward.report import write_report
-from benchmarks.studies.reward.variants import VARIANTS, Variant
+from benchmarks.studies.reward.variants import POLICY_VARIANTS, VARIANTS, Variant
 from graphrl_jax import demonstrations as demonstration_files
 from graphrl_jax import pipeline, plots
 from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.landscape import audit
+from graphrl_jax.ppo_config import PPOHyper
 from graphrl_jax.progress import Progress
 from graphrl_jax.reward import fit_reward
 from graphrl_jax.runs import Run, read_json, write_json
 from graphrl_jax.settings import PRESETS, Settings
 from graphrl_jax.task import Task, make_task
+from tasks.match_regions.env import MatchRegions
 
 FOLDER = Path(__file__).parent
 # Everything but the numbers is made anew when missing.
@@ -50,11 +52,13 @@ class Policies:
 
     Attributes:
       members: Such as default_0.
+      variant: Of the policy's training, see `POLICY_VARIANTS`.
       updates: Of PPO.
       episodes: To judge each by: Demo layout, unseen.
     """
 
     members: tyro.conf.Positional[tuple[str, ...]]
+    variant: str = "default"
     updates: int = 100
     episodes: int = 128
 
@@ -90,10 +94,10 @@ def encoders(request: Encoders) -> None:
 
 def policies(request: Policies) -> None:
     """Adds a row to policies.json for every member that it lacks."""
-    task = make_task("match_regions")
-    for member in request.members:
+    for encoder in request.members:
+        member = encoder if request.variant == "default" else f"{encoder}.{request.variant}"
         if member not in _table("policies"):
-            _add("policies", member, policy_row(task, member, request))
+            _add("policies", member, policy_row(encoder, member, request))
 
 
 def encoder_row(task: Task, name: str, seed: int, unseen: Demonstrations) -> dict[str, Any]:
@@ -121,20 +125,27 @@ def encoder_row(task: Task, name: str, seed: int, unseen: Demonstrations) -> dic
     }
 
 
-def policy_row(task: Task, member: str, request: Policies) -> dict[str, Any]:
+def policy_row(encoder: str, member: str, request: Policies) -> dict[str, Any]:
     """Trains one policy on the frozen reward of one encoder alone, and evaluates it on the Demo layout."""
-    name, seed = member.rsplit("_", 1)
+    name, seed = encoder.rsplit("_", 1)
     config, hyper = VARIANTS[name].settings()
+    change = POLICY_VARIANTS[request.variant]
+    task = MatchRegions(**change.task)
+    model = pipeline.load_reward(Run(RUNS / encoder), config.encoder, task)
+    # Made by `encoders`, or by an interrupted training of this policy, which goes on.
+    (RUNS / member).mkdir(exist_ok=True)
     run = Run(RUNS / member)
-    model = pipeline.load_reward(run, config.encoder, task)
     reward = "graph" if hyper.suppress_robot else "graph_with_robot"
-    settings = Settings(reward=reward, seed=int(seed), updates=request.updates, pretrain=hyper)
+    settings = Settings(
+        reward=reward, seed=int(seed), updates=request.updates, pretrain=hyper, ppo=PPOHyper(**change.hyper)
+    )
     with Progress() as progress:
         policy, numbers = pipeline.train_policy(run, task, settings, model, progress)
     outcome = pipeline.evaluate_policy(task, settings, model, policy, request.episodes, settings.seed + 1000)
     curve = [[record["env_steps"], record["success"], record["score"]] for record in run.records("ppo")]
     return {
-        "variant": name,
+        "encoder": encoder,
+        "variant": request.variant,
         "updates": request.updates,
         **numbers,
         **outcome,

@@ -29,11 +29,17 @@ def write_report(folder: Path) -> None:
         for path in (folder / f"{name}.json" for name in ("encoders", "policies", "ceilings"))
     )
     report = folder / "report.md"
-    parts = [encoder_table(encoders), ceiling_table(ceilings.get("seeds", {})), policy_table(encoders, policies)]
+    ranked = {member: row for member, row in policies.items() if row["variant"] == "default"}
+    parts = [
+        encoder_table(encoders),
+        ceiling_table(ceilings.get("seeds", {})),
+        oracle_table(encoders, ranked),
+        policy_table(policies),
+    ]
     tables = "\n\n".join(parts)
     report.write_text(updated(report.read_text(), f"{tables}\n"))
     write_atomically(folder / "encoders.png", FigureCanvasAgg(encoder_figure(encoders)).print_png)
-    write_atomically(folder / "oracle.png", FigureCanvasAgg(oracle_figure(encoders, policies)).print_png)
+    write_atomically(folder / "oracle.png", FigureCanvasAgg(oracle_figure(encoders, ranked)).print_png)
 
 
 def measure(row: dict[str, Any], name: str) -> float:
@@ -73,8 +79,8 @@ def ceiling_table(seeds: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def policy_table(encoders: Rows, policies: Rows) -> str:
-    """Success of the policies, best first, and how each measure of the encoder ranks with it."""
+def oracle_table(encoders: Rows, policies: Rows) -> str:
+    """Success of the policies, one per encoder, best first, and how each measure of the encoder ranks with it."""
     lines = ["| encoder | success | mean score | million steps |", "|---|---|---|---|"]
     for member, row in sorted(policies.items(), key=lambda item: -item[1]["success_rate"]):
         steps = row["env_steps"] / 1e6
@@ -82,6 +88,19 @@ def policy_table(encoders: Rows, policies: Rows) -> str:
     lines += ["", "| measure | rank correlation with the policy's score |", "|---|---|"]
     for name, label in MEASURES.items():
         lines.append(f"| {label} | {_rank_correlation(encoders, policies, name):.2f} |")
+    return "\n".join(lines)
+
+
+def policy_table(policies: Rows) -> str:
+    """Success and score of every way to train policies, on encoders that all of them had; means over seeds."""
+    variants = list(dict.fromkeys(row["variant"] for row in policies.values()))
+    used = [{row["encoder"] for row in policies.values() if row["variant"] == variant} for variant in variants]
+    shared = set.intersection(*used) if used else set()
+    lines = ["| policy | success | mean score | seeds |", "|---|---|---|---|"]
+    for variant in variants:
+        rows = [row for row in policies.values() if row["variant"] == variant and row["encoder"] in shared]
+        success, score = (np.mean([row[name] for row in rows]) for name in ("success_rate", "mean_score"))
+        lines.append(f"| {variant} | {success:.1%} | {score:.3f} | {len(rows)} |")
     return "\n".join(lines)
 
 

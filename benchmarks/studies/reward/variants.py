@@ -1,4 +1,4 @@
-"""What the study varies: one factor at a time, all else as the default has it."""
+"""What the study varies, in encoders and then in policies: one factor at a time, all else as the default has it."""
 
 from dataclasses import dataclass, field, replace
 from typing import Any
@@ -64,4 +64,26 @@ VARIANTS = {
     "temperature_0.1": Variant("TCC", hyper={"temperature": 0.1}),
     "300_steps": Variant("training", config={"steps": 300}),
     "3000_steps": Variant("training", config={"steps": 3000}),
+}
+
+
+@dataclass(frozen=True)
+class PolicyVariant:
+    """A change to how policies are trained, the encoder being the same.
+
+    Attributes:
+      task: arguments of `MatchRegions`.
+      hyper: fields of `PPOHyper`.
+    """
+
+    task: dict[str, Any] = field(default_factory=dict)
+    hyper: dict[str, float] = field(default_factory=dict)
+
+
+POLICY_VARIANTS = {
+    "default": PolicyVariant(),
+    "targets_in_slots": PolicyVariant(task={"targets_in_order": False}),
+    "demo_starts": PolicyVariant(task={"varied": 0.0}),
+    "discount_0.99": PolicyVariant(hyper={"discount": 0.99}),
+    "entropy_0.003": PolicyVariant(hyper={"entropy_cost": 0.003}),
 }
