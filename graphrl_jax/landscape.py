@@ -95,16 +95,20 @@ class LandscapeReport:
       pair_accuracy: share of pairs of random scenes that the reward orders as the true distance does.
       finished_above_unfinished: share of (finished, unfinished) pairs in which the finished scene has more reward.
       maxima_inside: share of the grids whose largest reward lies inside the goal.
+      bump_bonus: how much reward a random scene gains if all that never moved in it counts as moved; what a policy is
+        paid for bumping bystanders, best near 0.
     """
 
     grids: tuple[GridReport, ...]
     pair_accuracy: float
     finished_above_unfinished: float
     maxima_inside: float
+    bump_bonus: float
 
     def numbers(self) -> dict[str, float]:
-        """The three shares by name."""
+        """The three shares and the bonus by name."""
         return {
+            "bump_bonus": self.bump_bonus,
             "pair_accuracy": self.pair_accuracy,
             "finished_above_unfinished": self.finished_above_unfinished,
             "maxima_inside": self.maxima_inside,
@@ -124,13 +128,15 @@ def audit(model: RewardModel, landscape: Landscape) -> LandscapeReport:
     grids = tuple(_grid_report(grid, rewards(grid.boxes, grid.active)) for grid in landscape.grids)
     finished = rewards(landscape.finished_boxes, landscape.pair_active)
     unfinished = rewards(landscape.unfinished_boxes, landscape.pair_active)
+    random = rewards(landscape.random_boxes, landscape.random_active)
+    movable = ~np.array(landscape.objects.is_fixture) & ~np.array(landscape.objects.is_robot)
+    bumped = rewards(landscape.random_boxes, landscape.random_active | movable)
     return LandscapeReport(
         grids=grids,
-        pair_accuracy=pair_accuracy(
-            rewards(landscape.random_boxes, landscape.random_active), -landscape.random_distance
-        ),
+        pair_accuracy=pair_accuracy(random, -landscape.random_distance),
         finished_above_unfinished=share_above(finished, unfinished),
         maxima_inside=float(np.mean([grid.maximum_inside for grid in grids])),
+        bump_bonus=float(np.mean(bumped - random)),
     )
 
 

@@ -48,12 +48,31 @@ def carry() -> Landscape:
 
 def test_a_perfect_reward_passes_and_a_misplaced_one_fails(carry):
     perfect = audit(Nearness(jnp.array([0.75, 0.5])), carry)
-    assert perfect.numbers() == {"pair_accuracy": 1.0, "finished_above_unfinished": 1.0, "maxima_inside": 1.0}
+    shares = {"pair_accuracy": 1.0, "finished_above_unfinished": 1.0, "maxima_inside": 1.0}
+    assert perfect.numbers() == {**shares, "bump_bonus": 0.0}
     np.testing.assert_allclose(perfect.grids[0].maximum, [0.75, 0.5])
     assert perfect.grids[0].values.shape == (3, 5)
     misplaced = audit(Nearness(jnp.array([0.0, 0.0])), carry)
     assert misplaced.maxima_inside == misplaced.finished_above_unfinished == 0.0
     assert misplaced.pair_accuracy < 0.6
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Activity:
+    """Stands in for a reward that pays for activity: a different sum for every slot."""
+
+    pays: jax.Array
+
+    def apply(self, graph) -> jax.Array:
+        return jnp.sum(self.pays * graph.active)
+
+
+def test_the_bonus_for_bumping_counts_what_never_moved_and_is_neither_robot_nor_fixture(carry):
+    objects = replace(OBJECTS, is_robot=(True, False, False, False), is_fixture=(False, False, False, True))
+    landscape = replace(carry, objects=objects, random_active=np.zeros((30, 4), bool) | np.eye(4, dtype=bool)[1])
+    # Slot 0 is the robot, slot 1 has moved already, slot 3 is scenery.
+    assert audit(Activity(jnp.array([1.0, 2.0, 4.0, 8.0])), landscape).bump_bonus == pytest.approx(4.0)
 
 
 def test_shares_by_hand():

@@ -105,7 +105,7 @@ class MatchRegions(Task):
         physics: Physics | None = None,
         reward: Reward | None = None,
         targets_in_order: bool = True,
-        varied: float = 0.7,
+        varied: float = layouts.Training.varied,
     ):
         self.layout = layout or layouts.Demo()
         self.physics = physics or Physics()
