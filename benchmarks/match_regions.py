@@ -3,11 +3,12 @@
     python -m benchmarks.match_regions env runs/env_0 runs/env_1 runs/env_2
 
 Learned rewards are audited besides, on landscapes and trajectories that no training saw. Writes
-`benchmarks/results/match_regions_NAME.json` and, beside it, the learning curves, a few frames of the first run's video
-and, for a learned reward, its exploits and landscape as PNGs.
+`benchmarks/results/match_regions_NAME.json` and, beside it, the learning curves, the first run's video, a few
+frames of it and, for a learned reward, its exploits and landscape as PNGs.
 """
 
 import math
+import shutil
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -118,6 +119,8 @@ def main() -> None:
     write_json(RESULTS / f"{name}.json", {**results, **where})
     learning_curves(options.runs, RESULTS / f"{name}.png")
     film_strip(options.runs[0], RESULTS / f"{name}_rollout.png")
+    video = options.runs[0] / "rollout.mp4"
+    write_atomically(RESULTS / f"{name}_rollout.mp4", lambda temporary: shutil.copyfile(video, temporary))
     if unseen is not None:
         exploit_figure(reward, unseen, RESULTS / f"{name}_exploits.png")
         scenes = task.landscape(pipeline.stage_key(options.seed, pipeline.LANDSCAPE))
