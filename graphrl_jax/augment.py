@@ -5,8 +5,8 @@ those are where a policy goes. A rearrangement keeps what a video shows of the g
 how they got there:
 
 - every object that was moved starts somewhere else and goes straight to its end; what ends inside a fixture's box may
-  end anywhere in it. The way that lies before all of them together is the original's (less where the image's border
-  cuts it);
+  end anywhere well inside it. The way that lies before all of them together is the original's (less where the image's
+  border cuts it);
 - the robot starts anywhere and brings one object after the other, in any order; it may put one down on its way and come
   back for it. Time falls evenly on the way objects are brought; the way to the next one takes a fraction of it, enough
   to tell order and too little to outweigh objects;
@@ -28,8 +28,9 @@ from graphrl_jax.graph import ObjectTable, activity, safe_norm
 
 # Centres stay this far from the image's border, in image sides.
 _MARGIN = 0.08
-# Places inside a fixture's box keep this share of its side from its border.
-_INSET = 0.05
+# Places inside a fixture's box keep this share of its side from its border: where objects end right at the border, the
+# reward hardly falls across it, and policies leave objects outside.
+_INSET = 0.2
 # Chance that an object is put down on its way.
 _PUT_DOWN = 0.5
 # Distance of the robot's centre from an object's while it brings it, against half of both their sizes.
