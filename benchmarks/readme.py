@@ -20,6 +20,7 @@ AUDIT = {
     "pair_accuracy": "pairs of random scenes in order",
     "finished_above_unfinished": "finished above unfinished",
     "maxima_inside": "maxima inside the region",
+    "within_above_beside": "within the region above just beside it",
     "bump_bonus": "pay for bumping distractors",
     "value_order_correlation": "rank correlation with time",
     "undiscounted": "successes above failures",

@@ -2,9 +2,9 @@
 
 Rank correlation with time on demonstrations says nothing of the places a policy will go: encoders at 0.99 were
 exploited by policies that never solved the task. The audit asks what matters to a policy: does the reward order random
-scenes as the task does, does every finished scene beat every unfinished one, do its maxima lie where they should, and
-do successful trajectories out-score failures and known exploits? True distances and regions are used for judging only;
-no reward ever sees them.
+scenes as the task does, does every finished scene beat every unfinished one, do its maxima lie where they should, does
+it fall across the goal's edge, does it pay for bumping bystanders, and do successful trajectories out-score failures
+and known exploits? True distances and regions are used for judging only; no reward ever sees them.
 """
 
 from dataclasses import dataclass
@@ -59,6 +59,9 @@ class Landscape:
     | finished_boxes  | (K, N, 4)    | scenes in which the task is done; `unfinished_boxes` (K, N, 4) are |
     |                 |              | the same scenes with at least one target outside                  |
     | pair_active     | (N,)         | bool, for both of these                                           |
+    | within_boxes    | (J, N, 4)    | scenes with a target some way inside the goal; `beside_boxes`     |
+    |                 |              | (J, N, 4) are the same scenes with it just outside                |
+    | edge_active     | (J, N)       | bool, for both of these                                           |
     """
 
     objects: ObjectTable
@@ -70,6 +73,9 @@ class Landscape:
     finished_boxes: np.ndarray
     unfinished_boxes: np.ndarray
     pair_active: np.ndarray
+    within_boxes: np.ndarray
+    beside_boxes: np.ndarray
+    edge_active: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -95,6 +101,8 @@ class LandscapeReport:
       pair_accuracy: share of pairs of random scenes that the reward orders as the true distance does.
       finished_above_unfinished: share of (finished, unfinished) pairs in which the finished scene has more reward.
       maxima_inside: share of the grids whose largest reward lies inside the goal.
+      within_above_beside: share of scenes in which a target inside the goal has more reward than just outside it, all
+        else equal; a policy leaves targets on the edge where this fails.
       bump_bonus: how much reward a random scene gains if all that never moved in it counts as moved; what a policy is
         paid for bumping bystanders, best near 0.
     """
@@ -103,11 +111,13 @@ class LandscapeReport:
     pair_accuracy: float
     finished_above_unfinished: float
     maxima_inside: float
+    within_above_beside: float
     bump_bonus: float
 
     def numbers(self) -> dict[str, float]:
-        """The three shares and the bonus by name."""
+        """The four shares and the bonus by name."""
         return {
+            "within_above_beside": self.within_above_beside,
             "bump_bonus": self.bump_bonus,
             "pair_accuracy": self.pair_accuracy,
             "finished_above_unfinished": self.finished_above_unfinished,
@@ -128,6 +138,8 @@ def audit(model: RewardModel, landscape: Landscape) -> LandscapeReport:
     grids = tuple(_grid_report(grid, rewards(grid.boxes, grid.active)) for grid in landscape.grids)
     finished = rewards(landscape.finished_boxes, landscape.pair_active)
     unfinished = rewards(landscape.unfinished_boxes, landscape.pair_active)
+    within = rewards(landscape.within_boxes, landscape.edge_active)
+    beside = rewards(landscape.beside_boxes, landscape.edge_active)
     random = rewards(landscape.random_boxes, landscape.random_active)
     movable = ~np.array(landscape.objects.is_fixture) & ~np.array(landscape.objects.is_robot)
     bumped = rewards(landscape.random_boxes, landscape.random_active | movable)
@@ -136,6 +148,7 @@ def audit(model: RewardModel, landscape: Landscape) -> LandscapeReport:
         pair_accuracy=pair_accuracy(random, -landscape.random_distance),
         finished_above_unfinished=share_above(finished, unfinished),
         maxima_inside=float(np.mean([grid.maximum_inside for grid in grids])),
+        within_above_beside=float(np.mean(within > beside)),
         bump_bonus=float(np.mean(bumped - random)),
     )
 

@@ -43,18 +43,20 @@ def carry() -> Landscape:
     return Landscape(
         OBJECTS, np.array([True, True, True, False]), (grid,), scenes(random), np.broadcast_to(active, (30, 4)),
         np.linalg.norm(random - goal, axis=-1), scenes(near), scenes(near - 0.5), active,
+        scenes(near), scenes(near + 0.25), np.broadcast_to(active, (2, 4)),
     )  # fmt: skip
 
 
 def test_a_perfect_reward_passes_and_a_misplaced_one_fails(carry):
     perfect = audit(Nearness(jnp.array([0.75, 0.5])), carry)
     shares = {"pair_accuracy": 1.0, "finished_above_unfinished": 1.0, "maxima_inside": 1.0}
-    assert perfect.numbers() == {**shares, "bump_bonus": 0.0}
+    assert perfect.numbers() == {**shares, "within_above_beside": 1.0, "bump_bonus": 0.0}
     np.testing.assert_allclose(perfect.grids[0].maximum, [0.75, 0.5])
     assert perfect.grids[0].values.shape == (3, 5)
     misplaced = audit(Nearness(jnp.array([0.0, 0.0])), carry)
     assert misplaced.maxima_inside == misplaced.finished_above_unfinished == 0.0
     assert misplaced.pair_accuracy < 0.6
+    assert audit(Nearness(jnp.array([1.0, 0.75])), carry).within_above_beside == 0.0
 
 
 @jax.tree_util.register_dataclass

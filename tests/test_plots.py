@@ -66,7 +66,7 @@ def report(inside: bool) -> LandscapeReport:
     region = np.array([[0.1, 0.0], [0.7, 0.0], [0.7, 0.7], [0.1, 0.7]])
     maximum = np.array([0.4, 0.3]) if inside else np.array([-0.8, -0.8])
     grid = GridReport("star, square at goal", values, x, y, region, np.array([0.8, -0.7]), maximum, inside)
-    return LandscapeReport((grid, grid), 0.9, 1.0, float(inside), 0.0)
+    return LandscapeReport((grid, grid), 0.9, 1.0, float(inside), 1.0, 0.0)
 
 
 def test_landscape_star_is_green_inside_and_red_outside(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from benchmarks.studies.reward.variants import VARIANTS
 
 
 def encoder(variant: str, pair_accuracy: float) -> dict:
-    others = dict.fromkeys(("finished_above_unfinished", "maxima_inside", "bump_bonus", "value_order_correlation"), 1.0)
+    others = {name: 1.0 for name in report.MEASURES if name not in ("pair_accuracy", "undiscounted", "discounted")}
     sums = {"undiscounted": 1.0, "discounted": 1 - pair_accuracy}
     return {"variant": variant, "pair_accuracy": pair_accuracy, "successes_above": sums, **others}
 

@@ -13,18 +13,22 @@ RESOLUTION = 25
 NUM_RANDOM, NUM_PAIRS = 512, 256
 # Objects that count as moved: robot and both targets, as in every demonstration once a target is placed.
 _ACTIVE = np.array([False, True, True, True, False, False, False, False])
+_DISTRACTOR = np.array([False, False, False, False, True, True, True, False])
+# Of a target from the region's edge, just outside and some way inside.
+_BESIDE, _WITHIN = -0.03, 0.1
 _PLACED = np.array([[0.55, 0.2], [0.25, 0.55]], np.float32)
 
 
 def landscape(key: jax.Array) -> Landscape:
     """Grids of either target (the other at its start or placed), random layouts, finished against unfinished ones."""
-    random_key, robot_key, finished_key, order_key = jax.random.split(key, 4)
+    random_key, robot_key, finished_key, order_key, edge_key = jax.random.split(key, 5)
     grids = tuple(_grid(target, placed) for target in range(env.NUM_TARGETS) for placed in (False, True))
     scenes = jax.vmap(layouts.Random().sample)(jax.random.split(random_key, NUM_RANDOM))
     targets = jax.vmap(lambda qpos: env.blocks(qpos)[: env.NUM_TARGETS, :2])(scenes)
     outside = ~geometry.inside_region(targets)
     distance = jnp.sum(jnp.linalg.norm(targets - geometry.region_centre(), axis=-1) * outside, axis=-1)
     finished, unfinished = _pairs(robot_key, finished_key, order_key)
+    within, beside, edge_active = _edge_pairs(edge_key)
     return Landscape(
         objects=env.OBJECTS,
         mask=np.asarray(env.boxes(scenes[0])[1]),
@@ -35,6 +39,9 @@ def landscape(key: jax.Array) -> Landscape:
         finished_boxes=_boxes(finished),
         unfinished_boxes=_boxes(unfinished),
         pair_active=_ACTIVE,
+        within_boxes=_boxes(within),
+        beside_boxes=_boxes(beside),
+        edge_active=np.asarray(edge_active),
     )
 
 
@@ -88,3 +95,38 @@ def _pairs(robot_key: jax.Array, finished_key: jax.Array, order_key: jax.Array) 
         return finished, jnp.where(star, _move(finished, 0, back[0]), _move(finished, 1, back[1]))
 
     return jax.jit(jax.vmap(pair))(scenes, places, moved)
+
+
+def _edge_pairs(key: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The robot holds a target within the region or beside it, from outside; the other one is placed.
+
+    Distractors lie anywhere and count as moved or not.
+
+    Returns:
+      two batches of qpos, and which slots are active.
+    """
+    scene_key, key = jax.random.split(key)
+    scenes = jax.vmap(layouts.Random().sample)(jax.random.split(scene_key, NUM_PAIRS))
+    west, east, south, north = geometry.REGION
+
+    def pair(key: jax.Array, qpos: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        target_key, place_key, side_key, along_key, active_key = jax.random.split(key, 5)
+        target = jax.random.randint(target_key, (), 0, env.NUM_TARGETS)
+        low, high = jnp.array([west, south]) + _WITHIN, jnp.array([east, north]) - _WITHIN
+        placed = jax.random.uniform(place_key, (2,), minval=low, maxval=high)
+        along = jax.random.uniform(along_key, (2,), minval=low, maxval=high)
+        side = jax.random.randint(side_key, (), 0, 4)
+        outwards = jnp.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])[side]
+        edge = jnp.where(outwards == 0, along, jnp.where(outwards < 0, low - _WITHIN, high + _WITHIN))
+
+        def held(depth: float) -> jax.Array:
+            place = edge - depth * outwards
+            blocks = env.blocks(qpos)
+            blocks = blocks.at[:, :2].set(blocks[:, :2].at[1 - target].set(placed).at[target].set(place))
+            robot = jnp.append(place + layouts.HELD_REACH * outwards, jnp.arctan2(outwards[0], -outwards[1]))
+            return layouts.pack(robot, qpos[3:5], blocks)
+
+        bumped = jax.random.bernoulli(active_key, shape=_ACTIVE.shape) & _DISTRACTOR
+        return held(_WITHIN), held(_BESIDE), _ACTIVE | bumped
+
+    return jax.jit(jax.vmap(pair))(jax.random.split(key, NUM_PAIRS), scenes)

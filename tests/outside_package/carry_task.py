@@ -110,6 +110,9 @@ class Carry(Task):
             finished_boxes=scenes(near),
             unfinished_boxes=scenes(near - 0.4),
             pair_active=active,
+            within_boxes=scenes(near),
+            beside_boxes=scenes(near + 1.2 * SIZE),
+            edge_active=np.broadcast_to(active, (8, 3)),
         )
 
     def draw_episode(

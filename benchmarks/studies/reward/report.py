@@ -15,6 +15,7 @@ MEASURES = {
     "pair_accuracy": "pairs in order",
     "finished_above_unfinished": "finished above",
     "maxima_inside": "maxima inside",
+    "within_above_beside": "within above beside",
     "bump_bonus": "pay for bumping",
     "value_order_correlation": "rank correlation with time",
     "undiscounted": "successes above",
