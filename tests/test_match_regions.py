@@ -216,7 +216,7 @@ def test_edge_scenes_differ_in_one_target_that_crosses_the_border() -> None:
 
 
 def test_demo_layout_is_the_recorded_one_up_to_its_jitter() -> None:
-    qpos = jax.jit(jax.vmap(layouts.Demo(jitter=0.03).sample))(jax.random.split(jax.random.key(1), 64))
+    qpos = jax.jit(jax.vmap(layouts.Demo(jitter=0.03).sample))(jax.random.split(jax.random.key(1), 64)).qpos
     offset = np.asarray(qpos[:, 5:].reshape(64, 5, 3)) - layouts.BLOCK_STARTS
     assert np.abs(offset).max() <= 0.03
     assert np.abs(offset).max() > 0.02
@@ -225,7 +225,7 @@ def test_demo_layout_is_the_recorded_one_up_to_its_jitter() -> None:
 
 @pytest.mark.parametrize("layout", [layouts.Jitter(), layouts.Random(), layouts.Training(layouts.Demo())])
 def test_every_layout_stays_inside_the_walls(layout: layouts.Layout) -> None:
-    qpos = np.asarray(jax.jit(jax.vmap(layout.sample))(jax.random.split(jax.random.key(2), 256)))
+    qpos = np.asarray(jax.jit(jax.vmap(layout.sample))(jax.random.split(jax.random.key(2), 256)).qpos)
     assert np.isfinite(qpos).all()
     assert np.abs(qpos[:, :2]).max() <= 0.8
     assert np.abs(qpos[:, 5:].reshape(-1, 5, 3)[..., :2]).max() <= 0.9
@@ -233,7 +233,7 @@ def test_every_layout_stays_inside_the_walls(layout: layouts.Layout) -> None:
 
 
 def test_training_starts_cover_placed_and_held_targets() -> None:
-    qpos = jax.jit(jax.vmap(layouts.Training(layouts.Demo()).sample))(jax.random.split(jax.random.key(3), 512))
+    qpos = jax.jit(jax.vmap(layouts.Training(layouts.Demo()).sample))(jax.random.split(jax.random.key(3), 512)).qpos
     targets = np.asarray(qpos[:, 5:11].reshape(-1, 2, 3)[..., :2])
     inside = np.asarray(geometry.inside_region(jnp.asarray(targets)))
     assert 0.1 < inside.mean() < 0.4
@@ -285,9 +285,23 @@ def test_training_keeps_what_the_task_was_told() -> None:
 def test_a_target_that_starts_in_its_place_counts_as_moved():
     class Placed(layouts.Demo):
         def sample(self, key):
-            return jnp.asarray(placed(demo_qpos(), 1, 0.4, 0.3))
+            moved = jnp.array([False, False, True, False, False])
+            return layouts.Start(jnp.asarray(placed(demo_qpos(), 1, 0.4, 0.3)), moved)
 
-    for layout, flags in ((layouts.Demo(), [0, 0]), (Placed(), [0, 1])):
+    for layout, flags in ((layouts.Demo(), [0, 0, 0]), (Placed(), [0, 1, 1])):
         state = jax.jit(EnvironmentReward(env.MatchRegions(layout), 0.02).reset)(jax.random.key(0))
-        np.testing.assert_array_equal(state.info["active"][2:4], flags)
-        np.testing.assert_array_equal(state.info["active"][jnp.array([0, 1, 4, 5, 6, 7])], False)
+        np.testing.assert_array_equal(state.info["active"][2:5], flags)
+        np.testing.assert_array_equal(state.info["active"][jnp.array([0, 1, 5, 6, 7])], False)
+        # It counts as brought from where the Demo layout has it.
+        homes = layouts.BLOCK_STARTS[:2, :2] - np.asarray(geometry.region_centre())
+        found = state.pipeline_state.initial_distance
+        np.testing.assert_allclose(found, np.linalg.norm(homes, axis=-1), atol=0.05)
+
+
+def test_training_bumps_distractors_in_some_episodes() -> None:
+    layout, keys = layouts.Training(layouts.Demo(jitter=0.0)), jax.random.split(jax.random.key(4), 512)
+    qpos, moved = (np.asarray(part) for part in jax.jit(jax.vmap(layout.sample))(keys))
+    away = np.linalg.norm(qpos[:, 5:].reshape(-1, 5, 3)[..., :2] - layouts.BLOCK_STARTS[:, :2], axis=-1) > 1e-6
+    assert not moved[:, :2].any()
+    np.testing.assert_array_equal(moved[:, 2:], away[:, 2:])
+    assert 0.35 < moved.any(1).mean() < 0.53 and 0.2 < moved[:, 2:].mean() < 0.3

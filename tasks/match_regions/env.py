@@ -58,7 +58,8 @@ class PhysicsState(NamedTuple):
     | qpos             | (20,) | float32 | robot x, y, theta; fingers (2,); then x, y, theta per block  |
     | qvel             | (20,) | float32 | their rates                                                  |
     | warmstart        | (20,) | float32 | accelerations the solver starts from                         |
-    | initial_distance | (2,)  | float32 | of each target to the region's centre at the episode's start |
+    | initial_distance | (2,)  | float32 | of each target to the region's centre at the episode's start; |
+    |                  |       |         | the Demo layout's for a target that starts inside the region |
     """
 
     qpos: jax.Array
@@ -117,14 +118,17 @@ class MatchRegions(Task):
         self._template = mjx.make_data(self.mj_model)
 
     def reset(self, rng: jax.Array) -> State:
-        qpos = self.layout.sample(rng)
+        qpos, moved = self.layout.sample(rng)
         zeros = jnp.zeros_like(qpos)
-        distance = jnp.linalg.norm(blocks(qpos)[:NUM_TARGETS, :2] - geometry.region_centre(), axis=-1)
+        # A target that starts in its place counts as brought there from where the Demo layout has it.
+        placed = placed_targets(qpos)
+        origin = jnp.where(placed[:, None], layouts.BLOCK_STARTS[:NUM_TARGETS, :2], blocks(qpos)[:NUM_TARGETS, :2])
+        distance = jnp.linalg.norm(origin - geometry.region_centre(), axis=-1)
         physics = PhysicsState(qpos, zeros, zeros, distance)
         zero = jnp.zeros((), jnp.float32)
         metrics = {"success": zero, "score": zero}
-        # A target that starts in its place counts as moved, as it does wherever it was brought there.
-        active = jnp.zeros(OBJECTS.num_slots, bool).at[2 : 2 + NUM_TARGETS].set(placed_targets(qpos))
+        moved = moved.at[:NUM_TARGETS].set(moved[:NUM_TARGETS] | placed)
+        active = jnp.zeros(OBJECTS.num_slots, bool).at[2 : 2 + len(BLOCK_NAMES)].set(moved)
         return State(physics, observe(physics, self.targets_in_order), zero, zero, metrics, {"active": active})
 
     def step(self, state: State, action: jax.Array) -> State:

@@ -1,8 +1,8 @@
-"""Where episodes start: distributions over `qpos` (20,), cheap enough to be drawn at every environment step."""
+"""Where episodes start: distributions over `Start`, cheap enough to be drawn at every environment step."""
 
 import math
 from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -25,13 +25,29 @@ BLOCK_STARTS = np.array(
 HELD_REACH = 0.325
 HELD_OPENING = 0.2
 _CANDIDATES = 6
+_NONE_MOVED = np.zeros(5, bool)
+# How far a bump shifts a distractor, a standard deviation in arena units.
+_BUMP = 0.12
+
+
+class Start(NamedTuple):
+    """An initial configuration.
+
+    | field | shape | dtype   | meaning                                               |
+    |-------|-------|---------|-------------------------------------------------------|
+    | qpos  | (20,) | float32 | see `env.PhysicsState`                                |
+    | moved | (5,)  | bool    | blocks that count as moved before the episode begins |
+    """
+
+    qpos: jax.Array
+    moved: jax.Array
 
 
 class Layout(Protocol):
     """Draws initial configurations."""
 
-    def sample(self, key: jax.Array) -> jax.Array:
-        """One `qpos` (20,)."""
+    def sample(self, key: jax.Array) -> Start:
+        """One of them."""
         ...
 
 
@@ -50,14 +66,14 @@ class Demo:
 
     jitter: float = 0.03
 
-    def sample(self, key: jax.Array) -> jax.Array:
+    def sample(self, key: jax.Array) -> Start:
         poses = jnp.concatenate([ROBOT_START[None], BLOCK_STARTS])
         poses = poses + jax.random.uniform(key, poses.shape, minval=-self.jitter, maxval=self.jitter)
         # A wide jitter must not push an object into the wall it starts beside.
         radii = jnp.array([ROBOT_RADIUS] + [BLOCK_SIZE] * 5)[:, None]
         places = jnp.clip(poses[:, :2], radii - ARENA_HALF, ARENA_HALF - radii)
         poses = jnp.concatenate([places, poses[:, 2:]], axis=-1)
-        return pack(poses[0], _open_fingers(), poses[1:])
+        return Start(pack(poses[0], _open_fingers(), poses[1:]), jnp.asarray(_NONE_MOVED))
 
 
 @dataclass(frozen=True)
@@ -66,11 +82,11 @@ class Jitter(Demo):
 
     jitter: float = 0.1
 
-    def sample(self, key: jax.Array) -> jax.Array:
+    def sample(self, key: jax.Array) -> Start:
         position_key, angle_key = jax.random.split(key)
-        qpos = Demo(self.jitter).sample(position_key)
+        qpos, moved = Demo(self.jitter).sample(position_key)
         turn = jax.random.uniform(angle_key, (6,), minval=-0.1 * math.pi, maxval=0.1 * math.pi)
-        return qpos.at[jnp.array([2, 7, 10, 13, 16, 19])].add(turn)
+        return Start(qpos.at[jnp.array([2, 7, 10, 13, 16, 19])].add(turn), moved)
 
 
 @dataclass(frozen=True)
@@ -80,7 +96,7 @@ class Random:
     Free of overlap where six tries find such a place.
     """
 
-    def sample(self, key: jax.Array) -> jax.Array:
+    def sample(self, key: jax.Array) -> Start:
         place_key, angle_key = jax.random.split(key)
         radii = jnp.array([ROBOT_RADIUS] + [1.2 * BLOCK_SIZE] * 5)
         reach = (ARENA_HALF - radii)[:, None]
@@ -90,7 +106,7 @@ class Random:
         places = places[jnp.argmax(clearance)]
         angles = jax.random.uniform(angle_key, (6, 1), minval=-math.pi, maxval=math.pi)
         poses = jnp.concatenate([places, angles], axis=-1)
-        return pack(poses[0], _open_fingers(), poses[1:])
+        return Start(pack(poses[0], _open_fingers(), poses[1:]), jnp.asarray(_NONE_MOVED))
 
 
 @dataclass(frozen=True)
@@ -99,15 +115,20 @@ class Training:
 
     In a share `varied` of the episodes one target is in focus. It lies where the layout has it or anywhere, the other
     one where the layout has it or already inside the region, with equal chances; and the robot starts anywhere, in
-    front of one of the two, or holding it, again with equal chances. Knows nothing of demonstrations.
+    front of one of the two, or holding it, again with equal chances. In a share `bumped` of all episodes each
+    distractor has been bumped or not, with equal chances, as happens on the way to such starts: without it, policies
+    that bump distractors do not recognise what they learned from them. Knows nothing of demonstrations.
     """
 
     base: Layout
     varied: float = 0.7
+    bumped: float = 0.5
 
-    def sample(self, key: jax.Array) -> jax.Array:
-        base_key, random_key, share_key, focus_key, choice_key, place_key, robot_key = jax.random.split(key, 7)
-        base, scattered = self.base.sample(base_key), Random().sample(random_key)
+    def sample(self, key: jax.Array) -> Start:
+        base_key, random_key, share_key, focus_key, choice_key, place_key, robot_key, bump_key = jax.random.split(
+            key, 8
+        )
+        (base, moved), (scattered, _) = self.base.sample(base_key), Random().sample(random_key)
         blocks, random_blocks = base[5:].reshape(5, 3), scattered[5:].reshape(5, 3)
         in_focus = jnp.arange(2) == jax.random.randint(focus_key, (), 0, 2)
         focus_anywhere, other_placed, at_focus = jax.random.bernoulli(choice_key, shape=(3,))
@@ -118,7 +139,20 @@ class Training:
         targets = jnp.where(jnp.where(in_focus, focus_anywhere, other_placed)[:, None], replaced, blocks[:2])
         robot, opening = _approach(robot_key, scattered[:3], jnp.where(in_focus[0] == at_focus, targets[0], targets[1]))
         varied = pack(robot, opening * scattered[3:5], jnp.concatenate([targets, blocks[2:]]))
-        return jnp.where(jax.random.uniform(share_key) < self.varied, varied, base)
+        qpos = jnp.where(jax.random.uniform(share_key) < self.varied, varied, base)
+        return _bump(bump_key, Start(qpos, moved), self.bumped)
+
+
+def _bump(key: jax.Array, start: Start, share: float) -> Start:
+    """With probability `share`, distractors shifted a little, each with equal chances; they count as moved."""
+    episode_key, block_key, shift_key = jax.random.split(key, 3)
+    bumped = jax.random.bernoulli(episode_key, share) & jax.random.bernoulli(block_key, shape=(5,))
+    bumped = bumped & (jnp.arange(5) >= 2)
+    blocks = start.qpos[5:].reshape(5, 3)
+    reach = ARENA_HALF - BLOCK_SIZE
+    places = jnp.clip(blocks[:, :2] + _BUMP * jax.random.normal(shift_key, (5, 2)), -reach, reach)
+    blocks = blocks.at[:, :2].set(jnp.where(bumped[:, None], places, blocks[:, :2]))
+    return Start(jnp.concatenate([start.qpos[:5], blocks.ravel()]), start.moved | bumped)
 
 
 def _approach(key: jax.Array, robot: jax.Array, block: jax.Array) -> tuple[jax.Array, jax.Array]:

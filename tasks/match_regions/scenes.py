@@ -23,7 +23,7 @@ def landscape(key: jax.Array) -> Landscape:
     """Grids of either target (the other at its start or placed), random layouts, finished against unfinished ones."""
     random_key, robot_key, finished_key, order_key, edge_key = jax.random.split(key, 5)
     grids = tuple(_grid(target, placed) for target in range(env.NUM_TARGETS) for placed in (False, True))
-    scenes = jax.vmap(layouts.Random().sample)(jax.random.split(random_key, NUM_RANDOM))
+    scenes = jax.vmap(layouts.Random().sample)(jax.random.split(random_key, NUM_RANDOM)).qpos
     targets = jax.vmap(lambda qpos: env.blocks(qpos)[: env.NUM_TARGETS, :2])(scenes)
     outside = ~geometry.inside_region(targets)
     distance = jnp.sum(jnp.linalg.norm(targets - geometry.region_centre(), axis=-1) * outside, axis=-1)
@@ -56,7 +56,7 @@ def _move(qpos: jax.Array, block: int, place: jax.Array) -> jax.Array:
 def _grid(target: int, other_placed: bool) -> Grid:
     """The scene of the demonstrations with `target` moved over the arena and the other at its start or placed."""
     other = 1 - target
-    qpos = layouts.Demo(jitter=0.0).sample(jax.random.key(0))
+    qpos = layouts.Demo(jitter=0.0).sample(jax.random.key(0)).qpos
     if other_placed:
         qpos = _move(qpos, other, jnp.asarray(_PLACED[other]))
     axis = np.linspace(-0.88, 0.88, RESOLUTION, dtype=np.float32)
@@ -81,7 +81,7 @@ def _grid(target: int, other_placed: bool) -> Grid:
 
 def _pairs(robot_key: jax.Array, finished_key: jax.Array, order_key: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Random layouts with both targets inside, and the same with one target (either) back at its random place."""
-    scenes = jax.vmap(layouts.Random().sample)(jax.random.split(robot_key, NUM_PAIRS))
+    scenes = jax.vmap(layouts.Random().sample)(jax.random.split(robot_key, NUM_PAIRS)).qpos
     west, east, south, north = geometry.REGION
     low, high = jnp.array([west, south]), jnp.array([east, north])
     places = jax.random.uniform(finished_key, (NUM_PAIRS, env.NUM_TARGETS, 2), minval=low, maxval=high)
@@ -106,7 +106,7 @@ def _edge_pairs(key: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
       two batches of qpos, and which slots are active.
     """
     scene_key, key = jax.random.split(key)
-    scenes = jax.vmap(layouts.Random().sample)(jax.random.split(scene_key, NUM_PAIRS))
+    scenes = jax.vmap(layouts.Random().sample)(jax.random.split(scene_key, NUM_PAIRS)).qpos
     west, east, south, north = geometry.REGION
 
     def pair(key: jax.Array, qpos: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
