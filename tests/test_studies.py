@@ -88,6 +88,15 @@ def test_a_report_keeps_its_own_words(tmp_path):
     assert (tmp_path / "encoders.png").stat().st_size > 1000 and (tmp_path / "oracle.png").stat().st_size > 1000
 
 
+def test_a_report_leaves_out_what_is_not_measured(tmp_path):
+    (tmp_path / "report.md").write_text(f"{BEGIN}{END}")
+    (tmp_path / "encoders.json").write_text(json.dumps(ENCODERS))
+    report.write_report(tmp_path)
+    text = (tmp_path / "report.md").read_text()
+    assert "| a | 0.500" in text and "ideal" not in text and "policy" not in text and "nan" not in text
+    assert not (tmp_path / "oracle.png").exists()
+
+
 @pytest.mark.parametrize("name", VARIANTS)
 def test_every_variant_changes_the_default_and_nothing_unknown(name):
     changed = VARIANTS[name].settings() != VARIANTS["default"].settings() or VARIANTS[name].demonstrations != 64

@@ -25,7 +25,7 @@ Rows = dict[str, dict[str, Any]]
 
 
 def write_report(folder: Path) -> None:
-    """Writes the tables between the markers of report.md, and the figures beside it."""
+    """Writes the tables between the markers of report.md, and the figures beside it, of what was measured."""
     encoders, policies, ceilings = (
         read_json(path) if path.exists() else {}
         for path in (folder / f"{name}.json" for name in ("encoders", "policies", "ceilings"))
@@ -33,15 +33,18 @@ def write_report(folder: Path) -> None:
     report = folder / "report.md"
     ranked = {member: row for member, row in policies.items() if row["variant"] == "default"}
     parts = [
-        encoder_table(encoders),
-        ceiling_table(ceilings.get("seeds", {})),
-        oracle_table(encoders, ranked),
-        policy_table(policies),
+        (encoders, encoder_table(encoders)),
+        (ceilings, ceiling_table(ceilings.get("seeds", {}))),
+        (ranked, oracle_table(encoders, ranked)),
+        (policies, policy_table(policies)),
     ]
-    tables = "\n\n".join(parts)
+    report = folder / "report.md"
+    tables = "\n\n".join(table for rows, table in parts if rows)
     report.write_text(updated(report.read_text(), f"{tables}\n"))
-    write_atomically(folder / "encoders.png", FigureCanvasAgg(encoder_figure(encoders)).print_png)
-    write_atomically(folder / "oracle.png", FigureCanvasAgg(oracle_figure(encoders, ranked)).print_png)
+    if encoders:
+        write_atomically(folder / "encoders.png", FigureCanvasAgg(encoder_figure(encoders)).print_png)
+    if ranked:
+        write_atomically(folder / "oracle.png", FigureCanvasAgg(oracle_figure(encoders, ranked)).print_png)
 
 
 def measure(row: dict[str, Any], name: str) -> float:
