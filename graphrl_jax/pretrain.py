@@ -74,13 +74,17 @@ class PretrainHyper:
     | alpha                 | weight of active nodes in the pooling (Eq. 1)                  |
     | suppress_robot        | 1: robot's node left out of the pooling, 0: kept               |
     | tau                   | activity threshold per frame, in box diagonals                 |
-    | temperature           | of the TCC                                                     |
+    | temperature           | of the TCC; the square of the embedding's unit, see below      |
     | tcc_weight            | weight of the TCC in the loss                                  |
     | reconstruction_weight | weight of box error plus class cross-entropy in the loss       |
     | rearranged            | share of demonstrations seen rearranged; 0 is the paper's way  |
     | bumped                | chance that a rearrangement moves an object never moved        |
     | bumped_before         | chance that it shows such an object as moved from the start    |
     | approach              | time the robot's way to an object takes in a rearrangement, against bringing one as far |
+
+    Without normalisation the TCC sees embeddings over the root of the temperature only. At XIRL's 1, made for the
+    features of a pretrained network, a fresh encoder's embeddings are one point: the TCC sits at 1/12 on a saddle that
+    some trainings never leave.
     """
 
     learning_rate: ArrayLike = 3e-3
@@ -91,7 +95,7 @@ class PretrainHyper:
     alpha: ArrayLike = 2.0
     suppress_robot: ArrayLike = 1.0
     tau: ArrayLike = 0.02
-    temperature: ArrayLike = 1.0
+    temperature: ArrayLike = 0.01
     tcc_weight: ArrayLike = 1.0
     reconstruction_weight: ArrayLike = 0.1
     rearranged: ArrayLike = 1.0
