@@ -30,7 +30,7 @@ from graphrl_jax.graph import ObjectTable, activity, safe_norm
 _MARGIN = 0.08
 # Places inside a fixture's box keep this share of its side from its border: where objects end right at the border, the
 # reward hardly falls across it, and policies leave objects outside.
-_INSET = 0.2
+INSET = 0.2
 # Chance that an object is put down on its way.
 _PUT_DOWN = 0.5
 # Distance of the robot's centre from an object's while it brings it, against half of both their sizes.
@@ -120,7 +120,7 @@ def _ends(key: jax.Array, motion: Motion, fixture: jax.Array) -> jax.Array:
     centres, sizes = motion.last[:, :2], motion.last[:, 2:]
     within = jnp.all(jnp.abs(centres[:, None] - centres) <= sizes / 2, axis=-1) & fixture
     container = jnp.argmax(within, axis=1)
-    drawn = jax.random.uniform(key, centres.shape, minval=_INSET - 0.5, maxval=0.5 - _INSET)
+    drawn = jax.random.uniform(key, centres.shape, minval=INSET - 0.5, maxval=0.5 - INSET)
     return jnp.where(within.any(axis=1)[:, None], centres[container] + drawn * sizes[container], centres)
 
 

@@ -168,7 +168,12 @@ def share_above(high: np.ndarray, low: np.ndarray) -> float:
 
 
 def trajectory_scores(model: RewardModel, demonstrations: Demonstrations, discount: float = 0.99) -> dict[str, Any]:
-    """How fixed trajectories score under the reward: successes, deliberate failures and known exploits.
+    """How fixed trajectories score under the reward; see `scores`."""
+    return scores(np.asarray(demonstration_rewards(model, demonstrations)), demonstrations, discount)
+
+
+def scores(rewards: np.ndarray, demonstrations: Demonstrations, discount: float = 0.99) -> dict[str, Any]:
+    """How trajectories score under `rewards` (B, T): successes, deliberate failures and known exploits.
 
     All are held to their last frame's reward until the longest one ends, so that length alone decides nothing.
 
@@ -176,7 +181,6 @@ def trajectory_scores(model: RewardModel, demonstrations: Demonstrations, discou
       `by_kind`: mean undiscounted and discounted sums of each kind; `successes_above`: share of (success, failure)
       pairs with the success above, for both sums (absent without failures).
     """
-    rewards = np.asarray(demonstration_rewards(model, demonstrations))
     frames = np.minimum(np.arange(demonstrations.num_frames), demonstrations.lengths[:, None] - 1)
     rewards = np.take_along_axis(rewards, frames, axis=1)
     sums = {

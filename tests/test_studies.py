@@ -55,10 +55,13 @@ def test_ceilings_are_averaged_over_seeds():
             "pair_accuracy_by_approach": {"0.5": 0.8 + seed / 10},
             "rank_correlation_by_approach": {"0.5": 0.5},
             "kendall_tau_by_approach": {"0.5": 0.25},
+            "finished_above_unfinished": {"ends": 1 - seed / 10},
+            "successes_above": {"undiscounted": 1.0, "discounted": 0.75 + seed / 10},
         }
         for seed in (0, 1)
     }
-    assert report.ceiling_table(seeds).splitlines()[2:] == ["| 0.5 | 0.850 | 0.500 | 0.250 |"]
+    lines = report.ceiling_table(seeds).splitlines()
+    assert lines[2] == "| 0.5 | 0.850 | 0.500 | 0.250 |" and lines[-1] == "| 0.0 | 0.950 | 1.000 | 0.800 |"
 
 
 def test_ideal_values_count_both_targets_and_the_robots_way():

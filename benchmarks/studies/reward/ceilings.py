@@ -12,11 +12,13 @@ from typing import Any
 import numpy as np
 
 from benchmarks.context import measured_on
+from benchmarks.exploits import unseen_trajectories
 from graphrl_jax import pipeline
+from graphrl_jax.augment import INSET
 from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.evaluators import kendall_tau, value_order_correlation
-from graphrl_jax.landscape import Landscape, pair_accuracy, share_above
+from graphrl_jax.landscape import Landscape, pair_accuracy, scores, share_above
 from graphrl_jax.runs import write_json
 from graphrl_jax.task import make_task
 
@@ -27,15 +29,16 @@ SET_OFF = 0.01
 
 
 def distances(boxes: np.ndarray) -> dict[str, np.ndarray]:
-    """Targets' summed distances in scenes (M, N, 4) to the region's centre, to its nearest point, to a random one."""
+    """Targets' summed distances in scenes (M, N, 4) to the region's centre, to its nearest point, and to where they may
+    end in a rearrangement, averaged over such ends."""
     centre, half = boxes[0, REGION, :2], boxes[0, REGION, 2:] / 2
     offsets = boxes[:, TARGETS, :2] - centre
-    places = np.random.default_rng(0).uniform(-1, 1, (200, 2)) * half
+    places = np.random.default_rng(0).uniform(2 * INSET - 1, 1 - 2 * INSET, (200, 2)) * half
     length = np.linalg.norm
     return {
         "centre": length(offsets, axis=-1).sum(1),
         "nearest": length(np.maximum(np.abs(offsets) - half, 0), axis=-1).sum(1),
-        "random": length(offsets[:, :, None] - places, axis=-1).mean(-1).sum(1),
+        "ends": length(offsets[:, :, None] - places, axis=-1).mean(-1).sum(1),
     }
 
 
@@ -55,9 +58,16 @@ def landscape_ceilings(landscape: Landscape) -> dict[str, Any]:
         "pair_accuracy": {name: pair_accuracy(-way, truth) for name, way in scenes.items()},
         "finished_above_unfinished": {name: share_above(-done[name], -undone[name]) for name in done},
         "pair_accuracy_by_approach": {
-            str(approach): pair_accuracy(-scenes["random"] - approach * robot, truth) for approach in APPROACHES
+            str(approach): pair_accuracy(-scenes["ends"] - approach * robot, truth) for approach in APPROACHES
         },
     }
+
+
+def trajectory_ceilings(trajectories: Demonstrations) -> dict[str, float]:
+    """Share of (success, failure) pairs with the success above, for the ideal value without the robot's way."""
+    flat = trajectories.boxes.reshape(-1, *trajectories.boxes.shape[2:])
+    values = -distances(flat)["ends"].reshape(trajectories.boxes.shape[:2])
+    return scores(values, trajectories)["successes_above"]
 
 
 def way_to_go(boxes: np.ndarray, approach: float) -> np.ndarray:
@@ -96,6 +106,7 @@ def main() -> None:
         results[str(seed)] = {
             **landscape_ceilings(task.landscape(pipeline.stage_key(seed, pipeline.LANDSCAPE))),
             **time_ceilings(demos.split(0.75, seed)[1]),
+            "successes_above": trajectory_ceilings(unseen_trajectories(task, seed)),
         }
         print(seed, results[str(seed)])
     write_json(Path(__file__).parent / "ceilings.json", {"seeds": results, **measured_on("studies.reward.ceilings")})

@@ -21,6 +21,7 @@ MEASURES = {
     "undiscounted": "successes above",
     "discounted": "successes above, discounted",
 }
+SUMS = ("undiscounted", "discounted")
 Rows = dict[str, dict[str, Any]]
 
 
@@ -72,15 +73,23 @@ def encoder_table(encoders: Rows) -> str:
 
 
 def ceiling_table(seeds: dict[str, Any]) -> str:
-    """What ideal values of the way to go score, mean over seeds, for every weight of the robot's way."""
+    """What ideal values of the way to go score, mean over seeds, for every weight of the robot's way, and without."""
+    measures = [f"{name}_by_approach" for name in ("pair_accuracy", "rank_correlation", "kendall_tau")]
     lines = [
         "| ideal value: way to go, robot's way times | pairs in order | rank correlation with time | Kendall's tau |",
         "|---|---|---|---|",
     ]
-    measures = [f"{name}_by_approach" for name in ("pair_accuracy", "rank_correlation", "kendall_tau")]
     for approach in next(iter(seeds.values()), {measures[0]: ()})[measures[0]]:
         means = [np.mean([row[measure][approach] for row in seeds.values()]) for measure in measures]
         lines.append(f"| {approach} | {' | '.join(f'{mean:.3f}' for mean in means)} |")
+    finished = np.mean([row["finished_above_unfinished"]["ends"] for row in seeds.values()])
+    above = {name: np.mean([row["successes_above"][name] for row in seeds.values()]) for name in SUMS}
+    lines += [
+        "",
+        f"| robot's way times | finished above | {' | '.join(MEASURES[name] for name in SUMS)} |",
+        "|---|---|---|---|",
+        f"| 0.0 | {finished:.3f} | {' | '.join(f'{share:.3f}' for share in above.values())} |",
+    ]
     return "\n".join(lines)
 
 
