@@ -81,8 +81,8 @@ def train_encoder(
         run.log({"stage": "pretrain", "step": done + steps, **means})
         progress.advance(steps, loss=means["loss"], tcc=means["tcc"])
     seconds = time.perf_counter() - started
-    goals = pretrain.goal_graphs(hyper, data, stage_key(seed, _GOAL))
-    model = fit_reward(state.params["encoder"], fitted, hyper.alpha, hyper.suppress_robot, hyper.tau, goals)
+    shown = pretrain.shown_frames(hyper, data, stage_key(seed, _GOAL))
+    model = fit_reward(state.params["encoder"], fitted, hyper.alpha, hyper.suppress_robot, hyper.tau, shown, hyper.even)
     save_tree(run.path / "encoder.npz", model)
     numbers = encoder_numbers(model, held_out)
     return model, {**numbers, "pretrain_s": seconds}
@@ -127,7 +127,7 @@ def load_reward(run: Run, config: EncoderConfig, task: Task) -> RewardModel:
     def template() -> RewardModel:
         zero = jnp.zeros((), jnp.float32)
         params = init_encoder(jax.random.key(0), config, task.objects.num_classes)
-        return RewardModel(params, jnp.zeros(config.embedding, jnp.float32), zero, zero, zero, zero)
+        return RewardModel(params, jnp.zeros(config.embedding, jnp.float32), *[zero] * 5)
 
     return load_tree(run.path / "encoder.npz", jax.eval_shape(template))
 

@@ -81,6 +81,7 @@ class PretrainHyper:
     | bumped                | chance that a rearrangement moves an object never moved        |
     | bumped_before         | chance that it shows such an object as moved from the start    |
     | approach              | time the robot's way to an object takes in a rearrangement, against bringing one as far |
+    | even                  | 1: the reward's exponent makes it fall evenly with time; 0: Eq. 3, see `reward.fit_reward` |
 
     Without normalisation the TCC sees embeddings over the root of the temperature only. At XIRL's 1, made for the
     features of a pretrained network, a fresh encoder's embeddings are one point: the TCC sits at 1/12 on a saddle that
@@ -102,6 +103,7 @@ class PretrainHyper:
     bumped: ArrayLike = 0.2
     bumped_before: ArrayLike = 0.5
     approach: ArrayLike = 0.15
+    even: ArrayLike = 1.0
 
 
 @jax.tree_util.register_dataclass
@@ -216,16 +218,21 @@ def _show(
 
 
 @partial(jax.jit, static_argnames="draws")
-def goal_graphs(hyper: PretrainHyper, data: PretrainData, key: jax.Array, draws: int = 16) -> Graph:
-    """Last frames as training sees them, `draws` of every demonstration: graphs (B draws, ...) for `fit_reward`."""
+def shown_frames(hyper: PretrainHyper, data: PretrainData, key: jax.Array, draws: int = 16) -> Graph:
+    """First, middle and last frames as training sees them, `draws` times of every demonstration.
+
+    Returns:
+      Graphs (B draws, 3, ...) for `fit_reward`.
+    """
     chosen = jnp.repeat(jnp.arange(data.lengths.shape[0]), draws)
     keys = jax.random.split(key, chosen.shape[0])
-
-    def end(demonstration: jax.Array, key: jax.Array) -> Graph:
-        return _show(hyper, data, motions, demonstration, data.lengths[demonstration, None] - 1, key)
-
     motions = _motions(hyper, data)
-    return jax.tree.map(lambda leaf: leaf[:, 0], jax.vmap(end)(chosen, keys))
+
+    def show(demonstration: jax.Array, key: jax.Array) -> Graph:
+        last = data.lengths[demonstration] - 1
+        return _show(hyper, data, motions, demonstration, jnp.stack([0 * last, last // 2, last]), key)
+
+    return jax.vmap(show)(chosen, keys)
 
 
 def _motions(hyper: PretrainHyper, data: PretrainData) -> Motion:

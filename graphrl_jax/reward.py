@@ -1,5 +1,11 @@
-"""The learned reward (Eq. 3): minus the scaled distance of a graph's embedding to the goal's, as one frozen value."""
+"""The learned reward (Eq. 3): minus the scaled distance of a graph's embedding to the goal's, as one frozen value.
 
+TCC orders embeddings in time but leaves open how far apart they lie: half-way through a demonstration the distance may
+have fallen to a half or to a third, and with it what the second half of the task pays. An exponent, fitted to half-time
+alone, makes the reward fall evenly.
+"""
+
+import math
 from dataclasses import dataclass
 from functools import partial
 
@@ -12,6 +18,9 @@ from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.encoder import EncoderParams, encode, encode_sequence
 from graphrl_jax.graph import Graph, ObjectTable, safe_norm
 
+MOST_EVENED = 3.0
+"""Fitted exponents lie between this and its inverse."""
+
 
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
@@ -23,6 +32,7 @@ class RewardModel:
     | params         |       | float32 | encoder parameters                                       |
     | goal           | (D,)  | float32 | g, the goal embedding                                    |
     | kappa          | ()    | float32 | scale; 1 gives the bare Eq. 3                            |
+    | exponent       | ()    | float32 | of the scaled distance; 1 gives Eq. 3                    |
     | alpha          | ()    | float32 | weight of active nodes (Eq. 1)                           |
     | suppress_robot | ()    | float32 | 1: robot's node left out of the pooling, 0: kept         |
     | tau            | ()    | float32 | activity threshold per frame, in box diagonals           |
@@ -31,6 +41,7 @@ class RewardModel:
     params: EncoderParams
     goal: jax.Array
     kappa: jax.Array
+    exponent: jax.Array
     alpha: jax.Array
     suppress_robot: jax.Array
     tau: jax.Array
@@ -44,8 +55,13 @@ class RewardModel:
         return safe_norm(self.embed(graph) - self.goal)
 
     def apply(self, graph: Graph) -> jax.Array:
-        """Eq. 3 with XIRL's scale: the reward -kappa ||phi(G) - g||_2 of one graph, a scalar."""
-        return -self.kappa * self.distance(graph)
+        """Eq. 3 with XIRL's scale, evened: the reward -(kappa ||phi(G) - g||_2)^exponent of one graph, a scalar."""
+        return self.value(self.distance(graph))
+
+    def value(self, distance: jax.Array) -> jax.Array:
+        """The reward at a distance; any shape. Its gradient at distance 0 is 0, not infinite."""
+        scaled = self.kappa * distance
+        return -jnp.where(scaled > 0, jnp.where(scaled > 0, scaled, 1.0) ** self.exponent, 0.0)
 
 
 def fit_reward(
@@ -54,19 +70,23 @@ def fit_reward(
     alpha: ArrayLike,
     suppress_robot: ArrayLike,
     tau: ArrayLike,
-    goals: Graph | None = None,
+    shown: Graph | None = None,
+    even: ArrayLike = 0.0,
 ) -> RewardModel:
-    """Goal and scale from successful demonstrations.
+    """Goal, scale and exponent from successful demonstrations.
 
-    The goal g is the mean of phi over `goals`, by default the demonstrations' last frames; kappa is 1 / mean over
-    demonstrations of ||phi(first frame) - g||, so that demonstrations start near reward -1.
+    The goal g is the mean of phi over the last frames shown; kappa is 1 / mean over demonstrations of
+    ||phi(first frame) - g||, so that demonstrations start near reward -1.
 
     Args:
       params: encoder parameters.
       demonstrations: successful ones only.
       alpha, suppress_robot: pooling, see `encoder.pooling_weights`.
       tau: activity threshold, see `graph.update_activity`.
-      goals: graphs (M, ...) that show the goal, such as `pretrain.goal_graphs` or a single one.
+      shown: first, middle and last frames of demonstrations, graphs (M, 3, ...), such as `pretrain.shown_frames`; by
+        default those of `demonstrations`.
+      even: 1 fits the exponent so that at the middle frames the reward is half of that at the first ones; 0 leaves it
+        at 1, which is Eq. 3. So does an encoder whose middle frames are no nearer to the goal.
 
     Raises:
       ValueError: a demonstration is a failure, or the first frames coincide with the goal.
@@ -78,18 +98,29 @@ def fit_reward(
             "failures; pass demonstrations.successes()"
         )
     embeddings = embed_demonstrations(params, demonstrations, alpha, suppress_robot, tau)
-    if goals is None:
-        ends = embeddings[np.arange(len(demonstrations)), demonstrations.lengths - 1]
+    if shown is None:
+        last = demonstrations.lengths - 1
+        frames = np.stack([np.zeros_like(last), last // 2, last], axis=1)
+        seen = jnp.take_along_axis(embeddings, frames[..., None], axis=1)
     else:
-        ends = _embed_graphs(params, goals, alpha, suppress_robot)
-    goal = jnp.mean(ends, axis=0)
+        seen = _embed_graphs(params, shown, alpha, suppress_robot)
+    goal = jnp.mean(seen[:, 2], axis=0)
     start_distance = jnp.mean(safe_norm(embeddings[:, 0] - goal))
     if not start_distance > 0:
         raise ValueError(
             f"the first frames of the demonstrations must differ from the goal, got a mean distance of {start_distance}"
         )
-    scalars = (jnp.asarray(value, jnp.float32) for value in (1 / start_distance, alpha, suppress_robot, tau))
+    exponent = 1.0 + even * (_halving_exponent(safe_norm(seen - goal)) - 1.0)
+    scalars = (jnp.asarray(value, jnp.float32) for value in (1 / start_distance, exponent, alpha, suppress_robot, tau))
     return RewardModel(params, goal, *scalars)
+
+
+def _halving_exponent(distances: jax.Array) -> float:
+    """The exponent that halves the mean distance from the first to the middle frames; distances (M, 3)."""
+    first, middle = (float(distance) for distance in jnp.mean(distances[:, :2], axis=0))
+    if not 0 < middle < first:  # an encoder without any order in time
+        return 1.0
+    return min(max(math.log(2) / math.log(first / middle), 1 / MOST_EVENED), MOST_EVENED)
 
 
 def embed_demonstrations(
@@ -107,12 +138,13 @@ def embed_demonstrations(
 def demonstration_rewards(model: RewardModel, demonstrations: Demonstrations) -> jax.Array:
     """Reward of every frame: (B, T) float32; what lies behind a demonstration's length means nothing."""
     embeddings = embed_demonstrations(model.params, demonstrations, model.alpha, model.suppress_robot, model.tau)
-    return -model.kappa * safe_norm(embeddings - model.goal)
+    return model.value(safe_norm(embeddings - model.goal))
 
 
 @jax.jit
 def _embed_graphs(params: EncoderParams, graphs: Graph, alpha: ArrayLike, suppress_robot: ArrayLike) -> jax.Array:
-    return jax.vmap(encode, in_axes=(None, 0, None, None))(params, graphs, alpha, suppress_robot)
+    over_frames = jax.vmap(encode, in_axes=(None, 0, None, None))
+    return jax.vmap(over_frames, in_axes=(None, 0, None, None))(params, graphs, alpha, suppress_robot)
 
 
 @partial(jax.jit, static_argnames="objects")

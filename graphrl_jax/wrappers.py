@@ -70,7 +70,7 @@ class EnvironmentReward(Wrapper):
 
 
 class GraphReward(EnvironmentReward):
-    """Replaces the task's reward by the learned one, r = -kappa ||phi(G) - g|| of the graph after the step.
+    """Replaces the task's reward by the learned one, r = -(kappa ||phi(G) - g||)^exponent of the graph after the step.
 
     Observation and `info` are those of `EnvironmentReward`, so the two settings differ in the reward alone.
     Metrics: `env_reward`, `graph_reward` and `distance` (||phi(G) - g||). A reset costs no encoding: its reward is 0.
@@ -93,7 +93,7 @@ class GraphReward(EnvironmentReward):
         info = state.info
         graph = build_graph(self.env.objects, info["boxes"], info["mask"], info["active"])
         distance = self.model.distance(graph)
-        return self._with_reward(state, -self.model.kappa * distance, distance)
+        return self._with_reward(state, self.model.value(distance), distance)
 
     def _with_reward(self, state: State, reward: jax.Array, distance: jax.Array) -> State:
         metrics = {**state.metrics, "graph_reward": reward, "distance": distance}

@@ -113,5 +113,8 @@ class CountingModel:
     def distance(self, graph) -> jax.Array:
         return graph.boxes[0, 0] + 10.0 * jnp.sum(graph.active)
 
+    def value(self, distance) -> jax.Array:
+        return -self.kappa * distance
+
     def apply(self, graph) -> jax.Array:
-        return -self.kappa * self.distance(graph)
+        return self.value(self.distance(graph))
