@@ -81,7 +81,7 @@ class PretrainHyper:
     | bumped                | chance that a rearrangement moves an object never moved        |
     | bumped_before         | chance that it shows such an object as moved from the start    |
     | approach              | time the robot's way to an object takes in a rearrangement, against bringing one as far |
-    | even                  | 1: the reward's exponent makes it fall evenly with time; 0: Eq. 3, see `reward.fit_reward` |
+    | even                  | 1: an exponent makes the reward fall evenly (`reward.fit_reward`); 0: Eq. 3 |
 
     Without normalisation the TCC sees embeddings over the root of the temperature only. At XIRL's 1, made for the
     features of a pretrained network, a fresh encoder's embeddings are one point: the TCC sits at 1/12 on a saddle that
