@@ -153,16 +153,19 @@ def test_motion_skips_frames_without_the_object_and_padding():
     np.testing.assert_array_equal(found.last[1], boxes[2, 1])
 
 
-def test_goals_are_the_demonstrations_ends_or_rearrangements_of_them():
+def test_shown_frames_are_the_demonstrations_own_or_rearrangements_of_them():
     demos = demonstrations()
     data = pretrain.prepare(demos)
-    goals = pretrain.goal_graphs(pretrain.PretrainHyper(rearranged=0.0), data, jax.random.key(0), draws=2)
-    ends = demos.boxes[np.arange(len(demos)), demos.lengths - 1].repeat(2, axis=0)
-    np.testing.assert_array_equal(goals.boxes, ends)
-    other = pretrain.goal_graphs(pretrain.PretrainHyper(), data, jax.random.key(0), draws=2)
+    shown = pretrain.shown_frames(pretrain.PretrainHyper(rearranged=0.0), data, jax.random.key(0), draws=2)
+    last = demos.lengths - 1
+    frames = np.stack([0 * last, last // 2, last], axis=1)
+    own = np.take_along_axis(demos.boxes, frames[..., None, None], axis=1).repeat(2, axis=0)
+    np.testing.assert_array_equal(shown.boxes, own)
+    other = pretrain.shown_frames(pretrain.PretrainHyper(), data, jax.random.key(0), draws=2)
     block = demos.objects.names.index("block")
-    np.testing.assert_allclose(other.boxes[:, block], ends[:, block], atol=1e-6)
-    assert not np.allclose(other.boxes, ends) and other.active[:, block].all()
+    np.testing.assert_allclose(other.boxes[:, 2, block], own[:, 2, block], atol=1e-6)
+    assert not np.allclose(other.boxes, own) and other.active[:, 2, block].all()
+    assert not other.active[:, 0, block].any()
 
 
 def test_the_papers_way_ignores_what_rearranging_is_told():

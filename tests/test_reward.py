@@ -10,7 +10,7 @@ from synthetic import demonstrations
 from graphrl_jax import encoder
 from graphrl_jax.encoder import EncoderConfig
 from graphrl_jax.graph import sequence_graphs
-from graphrl_jax.reward import RewardModel, demonstration_rewards, embed_demonstrations, fit_reward
+from graphrl_jax.reward import MOST_EVENED, RewardModel, demonstration_rewards, embed_demonstrations, fit_reward
 
 CONFIG = EncoderConfig(num_layers=1, hidden=4, embedding=3)
 PARAMS = jax.jit(encoder.init, static_argnums=(1, 2))(jax.random.key(0), CONFIG, 3)
@@ -67,11 +67,43 @@ def test_reward_of_a_graph_is_minus_kappa_times_its_distance(model, embeddings, 
 
 def test_reward_is_zero_at_a_single_goal_graph_and_its_gradient_finite(graphs):
     goal = frame(graphs, 9)
-    model = fit_reward(PARAMS, DEMOS, *SETTINGS, goals=jax.tree.map(lambda leaf: leaf[None], goal))
+    shown = jax.tree.map(lambda leaf: np.stack([leaf] * 3)[None], goal)
+    model = fit_reward(PARAMS, DEMOS, *SETTINGS, shown=shown)
     np.testing.assert_allclose(jax.jit(RewardModel.apply)(model, goal), 0.0, atol=1e-5)
     exact = replace(model, goal=jax.jit(RewardModel.embed)(model, goal))
-    gradient = jax.jit(jax.grad(lambda boxes: exact.apply(replace(goal, boxes=boxes))))(goal.boxes)
-    assert np.isfinite(gradient).all()
+    for model in (exact, replace(exact, exponent=np.float32(0.5))):
+        gradient = jax.jit(jax.grad(lambda boxes, model=model: model.apply(replace(goal, boxes=boxes))))(goal.boxes)
+        assert np.isfinite(gradient).all()
+
+
+def evened(graphs, middle: int) -> tuple[RewardModel, float]:
+    """The model evened with the first demonstration's frames 0, `middle` and 9, and the distances' ratio by hand."""
+    order = np.array([0, middle, 9])
+    shown = jax.tree.map(lambda leaf: leaf[order][None], graphs)
+    found = np.asarray(embed_demonstrations(PARAMS, DEMOS, *SETTINGS))[0]
+    first, half_time = (np.linalg.norm(found[frame] - found[9]) for frame in (0, middle))
+    return fit_reward(PARAMS, DEMOS, *SETTINGS, shown=shown, even=1.0), float(half_time / first)
+
+
+def test_the_exponent_halves_the_reward_from_the_first_to_the_middle_frames(graphs):
+    fits = [evened(graphs, middle) for middle in range(1, 9)]
+    inside = [(model, ratio) for model, ratio in fits if 0.2 < ratio < 0.75]
+    assert inside
+    for model, ratio in inside:
+        np.testing.assert_allclose(ratio ** np.asarray(model.exponent), 0.5, rtol=1e-4)
+        np.testing.assert_allclose(model.value(2.0), -((2 * np.asarray(model.kappa)) ** model.exponent), rtol=1e-5)
+
+
+def test_an_exponent_is_bounded_and_one_without_order_in_time(graphs):
+    for model, ratio in (evened(graphs, middle) for middle in range(10)):
+        exponent = float(model.exponent)
+        assert 1 / MOST_EVENED <= exponent <= MOST_EVENED + 1e-5
+        assert ratio < 1 or exponent == 1.0
+
+
+def test_equation_3_has_exponent_one(model):
+    assert float(model.exponent) == 1.0
+    np.testing.assert_allclose(model.value(2.0), -2 * np.asarray(model.kappa), rtol=1e-6)
 
 
 def test_another_encoder_goal_or_scale_does_not_trace_again(model, graphs):

@@ -32,7 +32,7 @@ class Variant:
 
 # A third of the default's, which is among the variants: with it the study would take a day.
 STEPS = 1000
-PAPER = {"rearranged": 0.0, "reconstruction_weight": 1.0, "temperature": 1.0}
+PAPER = {"rearranged": 0.0, "reconstruction_weight": 1.0, "temperature": 1.0, "even": 0.0}
 
 VARIANTS = {
     "default": Variant("default"),
@@ -63,6 +63,7 @@ VARIANTS = {
     "variance": Variant("TCC", config={"tcc_variant": "regression_mse_var"}),
     "temperature_0.1": Variant("TCC", hyper={"temperature": 0.1}),
     "temperature_1": Variant("TCC", hyper={"temperature": 1.0}),
+    "plain_distance": Variant("reward", hyper={"even": 0.0}),
     "300_steps": Variant("training", config={"steps": 300}),
     "3000_steps": Variant("training", config={"steps": 3000}),
 }
