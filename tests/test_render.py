@@ -4,6 +4,7 @@ import jax
 import numpy as np
 import pytest
 
+from tasks import drawing
 from tasks.match_regions import geometry, layouts, render
 from tasks.match_regions.env import OBJECTS
 
@@ -88,7 +89,7 @@ def test_boxes_show_activity_and_mask() -> None:
         rows = image[edge[0] - 8 : edge[0] + 8, edge[1] - 1 : edge[1] + 2]
         return {tuple(colour) for colour in rows.reshape(-1, 3).tolist()}
 
-    assert render.ACTIVE_COLOUR in edge_colours(STAR_BOX_SLOT, True)
+    assert drawing.ACTIVE_COLOUR in edge_colours(STAR_BOX_SLOT, True)
     assert render.IDLE_COLOUR in edge_colours(STAR_BOX_SLOT, False)
     dotted = edge_colours(ROBOT_SLOT, True)
     assert {render.ROBOT_BOX_COLOUR, render.BACKGROUND} <= dotted

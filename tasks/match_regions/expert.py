@@ -14,6 +14,7 @@ import numpy as np
 
 from graphrl_jax.compilation import jit_physics
 from graphrl_jax.demonstrations import Demonstrations, reached_for_good
+from tasks.collect import collect
 from tasks.match_regions import env as environment
 from tasks.match_regions import geometry
 
@@ -225,38 +226,14 @@ def rollouts(task: environment.MatchRegions, key: jax.Array, kinds: jax.Array) -
 
 
 def demonstrate(task: environment.MatchRegions, key: jax.Array, successes: int, failures: int) -> Demonstrations:
-    """Demonstrations that really succeed and failures that really fail: episodes that end otherwise are dropped.
+    """Demonstrations that really succeed and failures that really fail; see `collect`."""
 
-    Raises:
-      RuntimeError: the expert fails so often that the wanted number is not reached in `MAX_BATCHES` batches.
-    """
-    wanted = np.array([0] * successes + [1 + i % len(FAILURES) for i in range(failures)])
-    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    for batch_key in jax.random.split(key, MAX_BATCHES):
-        missing = wanted if not parts else _missing(wanted, np.concatenate([part[2] for part in parts]))
-        if not missing.size:
-            break
-        kinds = np.resize(missing, BATCH)
-        qpos, busy = (np.asarray(array) for array in rollouts(task, batch_key, jnp.asarray(kinds)))
-        solved = np.asarray(jax.vmap(environment.score)(qpos[:, -1])) == 1.0
-        as_planned = solved == (kinds == 0)
-        parts.append((qpos[as_planned], busy[as_planned], kinds[as_planned]))
-    qpos, busy, kinds = (np.concatenate(arrays) for arrays in zip(*parts, strict=True))
-    if _missing(wanted, kinds).size:
-        raise RuntimeError(f"the expert reached {len(kinds)} of {len(wanted)} demonstrations in {MAX_BATCHES} batches")
-    chosen = _choose(wanted, kinds)
-    return _as_demonstrations(task, qpos[chosen], busy[chosen], kinds[chosen])
+    def run(key: jax.Array, kinds: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
+        qpos, busy = (np.asarray(array) for array in rollouts(task, key, jnp.asarray(kinds)))
+        return (qpos, busy), np.asarray(jax.vmap(environment.score)(qpos[:, -1])) == 1.0
 
-
-def _missing(wanted: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """The kinds still missing from `found`, each as often as it is missing."""
-    counts = np.bincount(wanted, minlength=len(FAILURES) + 1) - np.bincount(found, minlength=len(FAILURES) + 1)
-    return np.repeat(np.arange(len(counts)), np.maximum(counts, 0))
-
-
-def _choose(wanted: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """Indices into `found` of the first episodes of each wanted kind, in the order of the kinds."""
-    return np.concatenate([np.flatnonzero(found == kind)[: np.sum(wanted == kind)] for kind in np.unique(wanted)])
+    (qpos, busy), kinds = collect(run, key, successes, failures, len(FAILURES), BATCH, MAX_BATCHES)
+    return _as_demonstrations(task, qpos, busy, kinds)
 
 
 def _as_demonstrations(

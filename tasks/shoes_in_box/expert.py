@@ -1,0 +1,273 @@
+"""The scripted expert: opens the lid along its arc, then fetches one shoe after the other, all episodes side by side.
+
+It runs through phases of three jobs: the lid, the first shoe, the second. A phase names a pose for the gripper, how far
+its fingers open, and when it is over. Failures differ from successes by what goes wrong in one phase; all go through
+the same motions afterwards, so that length tells nothing.
+"""
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from graphrl_jax.compilation import jit_physics
+from graphrl_jax.demonstrations import Demonstrations, reached_for_good
+from tasks.collect import collect
+from tasks.shoes_in_box import env as environment
+from tasks.shoes_in_box import geometry, kinematics
+from tasks.shoes_in_box.model import FINGER_OPEN, LID_OPEN, WALL_HEIGHT
+
+LID_PHASES = ("above_bar", "at_bar", "grip", "arc", "let_go", "off")
+SHOE_PHASES = ("above_shoe", "at_shoe", "grip", "lift", "over_box", "lower", "let_go", "off")
+NUM_PHASES = len(LID_PHASES) + 2 * len(SHOE_PHASES)
+SAFE_HEIGHT = 0.19
+GRASP_HEIGHT = 0.04
+RELEASE_HEIGHT = WALL_HEIGHT
+SLOT = 0.07
+"""Of the shoes' centres from the box's middle, along the hinge."""
+ARC_LEAD = 0.12
+BAR_OPENING = 0.02
+MISSED_BY = 0.05
+"""Metres above the bar or a shoe at which the fingers of a failure close."""
+# Radians per step of a lid that is missed.
+_SWING = 0.045
+_MIDDLE_YAW = jnp.pi / 4
+TAIL_FRAMES = 8
+BATCH, MAX_BATCHES = 64, 8
+FAILURES = ("lid_missed", "lid_falls_shut", "shoe_missed", "shoe_dropped", "shoe_beside", "one_shoe")
+"""Kinds of deliberate failure: the fingers close above the bar; the lid is let go before it stands up; the fingers
+close above the second shoe; the second shoe is dropped on its way; it is put down beside the box; it is left alone, the
+gripper going through the air high above it."""
+_KIND = {kind: 1 + index for index, kind in enumerate(FAILURES)}
+
+
+class Plan(NamedTuple):
+    """How one episode is carried out.
+
+    | field  | shape  | meaning                                                          |
+    |--------|--------|------------------------------------------------------------------|
+    | kind   | ()     | int32, 0 for a success, k for `FAILURES[k - 1]`                  |
+    | first  | ()     | int32, the shoe that is fetched first                            |
+    | slots  | (2,)   | where each shoe goes: metres along the hinge from the middle     |
+    | speed  | ()     | share of full speed                                              |
+    | height | ()     | metres above the usual, between places                           |
+    | dwell  | (P,)   | int32, idle steps after each phase                               |
+    | slip   | (2,)   | shares that say where the lid is let go and a shoe dropped       |
+    """
+
+    kind: jax.Array
+    first: jax.Array
+    slots: jax.Array
+    speed: jax.Array
+    height: jax.Array
+    dwell: jax.Array
+    slip: jax.Array
+
+
+class Progress(NamedTuple):
+    """Phase (0 to P, P when done), steps spent in it and steps spent dwelling after it; all () int32."""
+
+    phase: jax.Array
+    timer: jax.Array
+    dwelt: jax.Array
+
+
+def draw_plan(key: jax.Array, kind: jax.Array) -> Plan:
+    """A random plan of one kind."""
+    order_key, cross_key, speed_key, height_key, dwell_key, slip_key = jax.random.split(key, 6)
+    side = jnp.array([SLOT, -SLOT])
+    return Plan(
+        kind=kind,
+        first=jax.random.bernoulli(order_key).astype(jnp.int32),
+        slots=jnp.where(jax.random.bernoulli(cross_key, 0.2), -side, side),
+        speed=jax.random.uniform(speed_key, minval=0.8, maxval=1.0),
+        height=jax.random.uniform(height_key, minval=0.0, maxval=0.05),
+        dwell=jax.random.randint(dwell_key, (NUM_PHASES,), 0, 4),
+        slip=jax.random.uniform(slip_key, (2,)),
+    )
+
+
+def begin() -> Progress:
+    """Progress at the start of an episode."""
+    zero = jnp.zeros((), jnp.int32)
+    return Progress(zero, zero, zero)
+
+
+def act(plan: Plan, progress: Progress, state: environment.PhysicsState) -> tuple[Progress, jax.Array]:
+    """One decision of the expert: the next progress and an action (5,)."""
+    phase = jnp.minimum(progress.phase, NUM_PHASES - 1)
+    poses, openings, over = _phases(plan, progress, state)
+    pose, opening = poses[phase], openings[phase]
+    waiting = (progress.dwelt > 0) | (progress.phase >= NUM_PHASES)
+    offset = pose - state.target
+    reach = jnp.linalg.norm(offset[:3])
+    pace = environment.CONTROL_DT * environment.SPEED
+    linear = offset[:3] * jnp.minimum(1 / pace, plan.speed / jnp.maximum(reach, 1e-6))
+    turn = offset[3] / (environment.CONTROL_DT * environment.TURN_RATE)
+    grip = 2 * (opening - environment.CLOSED) / (FINGER_OPEN - environment.CLOSED) - 1
+    motion = jnp.where(waiting, 0.0, jnp.append(linear, jnp.clip(turn, -plan.speed, plan.speed)))
+    action = jnp.clip(jnp.append(motion, grip), -1.0, 1.0)
+
+    finished = over[phase] & (progress.phase < NUM_PHASES)
+    dwelt = jnp.where(finished | (progress.dwelt > 0), progress.dwelt + 1, 0)
+    advance = dwelt > plan.dwell[phase]
+    timer = jnp.where(advance, 0, progress.timer + 1)
+    return Progress(progress.phase + advance, timer, jnp.where(advance, 0, dwelt)), action
+
+
+def _phases(plan: Plan, progress: Progress, state: environment.PhysicsState) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Pose (P, 4), opening of the fingers (P,) and whether it is over (P,) of every phase, as things stand."""
+    jobs = [_lid_phases(plan, progress, state)] + [_shoe_phases(plan, progress, state, last) for last in (False, True)]
+    poses, openings, over = (jnp.concatenate(parts) for parts in zip(*jobs, strict=True))
+    return poses, openings, over
+
+
+def _turned(yaw: jax.Array) -> jax.Array:
+    """The same grip, half a turn about if that keeps the wrist nearer to the middle of its range."""
+    return yaw - jnp.pi * jnp.round((yaw - _MIDDLE_YAW) / jnp.pi)
+
+
+def _reached(state: environment.PhysicsState, pose: jax.Array, timer: jax.Array) -> jax.Array:
+    """Whether the arm has been sent to a pose and is near it, or has tried for long."""
+    offset = pose - state.target
+    sent = (jnp.linalg.norm(offset[:3]) < 2e-3) & (jnp.abs(offset[3]) < 0.02)
+    near = jnp.linalg.norm(kinematics.pose(state.qpos[:7])[:3] - pose[:3]) < 0.015
+    return (sent & near) | (timer > 80)
+
+
+def _lid_phases(plan: Plan, progress: Progress, state: environment.PhysicsState) -> tuple[jax.Array, ...]:
+    box, angle, timer = state.box, state.qpos[9], progress.timer
+    missed = plan.kind == _KIND["lid_missed"]
+    # Missed, the arc is made through the air above the bar, by time.
+    swung = jnp.where(missed, jnp.minimum(timer * _SWING, LID_OPEN), angle)
+    above = jnp.zeros(3).at[2].set(jnp.where(missed, MISSED_BY, 0.0))
+    bar = geometry.bar(box, angle) + above
+    places = jnp.stack(
+        [
+            bar.at[2].add(0.1),
+            bar,
+            bar,
+            geometry.bar(box, jnp.minimum(swung + ARC_LEAD, LID_OPEN + 0.03)) + above,
+            state.target[:3],
+            state.target[:3].at[2].add(0.1),
+        ]
+    )
+    poses = jnp.concatenate([places, jnp.full((len(places), 1), _turned(box[2] + jnp.pi / 2))], axis=1)
+    astride, closed = BAR_OPENING + 0.01, environment.CLOSED
+    openings = jnp.array([astride, astride, closed, closed, BAR_OPENING, BAR_OPENING])
+    let_go_at = jnp.where(plan.kind == _KIND["lid_falls_shut"], 0.5 + 0.7 * plan.slip[0], LID_OPEN - 0.06)
+    over = jnp.stack(
+        [
+            _reached(state, poses[0], timer),
+            _reached(state, poses[1], timer),
+            timer >= 6,
+            (swung > let_go_at) | (timer > 120),
+            timer >= 5,
+            timer >= 10,
+        ]
+    )
+    return poses, openings, over
+
+
+def _shoe_phases(plan: Plan, progress: Progress, state: environment.PhysicsState, last: bool) -> tuple[jax.Array, ...]:
+    number = 1 - plan.first if last else plan.first
+    timer, box = progress.timer, state.box
+    shoe = environment.shoes(state.qpos)[number]
+
+    def fails(kind: str) -> jax.Array:
+        return last & (plan.kind == _KIND[kind])
+
+    high = SAFE_HEIGHT + plan.height
+    down = GRASP_HEIGHT + jnp.where(fails("shoe_missed"), MISSED_BY, 0.0) + jnp.where(fails("one_shoe"), 0.1, 0.0)
+    shoe_yaw, box_yaw = _turned(geometry.shoe_yaw(shoe)), _turned(box[2])
+    frame, slot = geometry.box_pose(box), plan.slots[number]
+    outside = frame.place(jnp.stack([-0.05, jnp.sign(slot) * 0.27, GRASP_HEIGHT + 0.01]))
+    goal = jnp.where(fails("shoe_beside"), outside, frame.place(jnp.stack([0.0, slot, RELEASE_HEIGHT])))
+
+    def at(place: jax.Array, height: jax.Array | float, yaw: jax.Array) -> jax.Array:
+        return jnp.concatenate([place[:2], jnp.stack([jnp.asarray(height, jnp.float32), yaw])])
+
+    poses = jnp.stack(
+        [
+            at(shoe, high, shoe_yaw),
+            at(shoe, down, shoe_yaw),
+            state.target,
+            state.target.at[2].set(high),
+            at(goal, high, box_yaw),
+            at(goal, goal[2], box_yaw),
+            at(goal, goal[2], box_yaw),
+            at(goal, high, box_yaw),
+        ]
+    )
+    near = jnp.linalg.norm(state.target[:2] - goal[:2]) < 0.14 + 0.1 * plan.slip[1]
+    carried = jnp.where(fails("shoe_dropped") & near, FINGER_OPEN, environment.CLOSED)
+    open_, closed = FINGER_OPEN, environment.CLOSED
+    openings = jnp.array([open_, open_, closed, closed, 0.0, 0.0, open_, open_]).at[4:6].set(carried)
+    reached = jax.vmap(_reached, in_axes=(None, 0, None))(state, poses, timer)
+    return poses, openings, reached.at[2].set(timer >= 6).at[6].set(timer >= 5)
+
+
+@partial(jit_physics, static_argnums=0)
+def rollouts(
+    task: environment.ShoesInBox, key: jax.Array, kinds: jax.Array
+) -> tuple[environment.PhysicsState, jax.Array]:
+    """Runs one episode of each kind in `kinds` (B,) side by side.
+
+    Returns:
+      the physics state of every frame, leaves (B, T + 1, ...), and after how many frames each plan was done (B,) int32.
+    """
+    reset_key, plan_key = jax.random.split(key)
+    batch = kinds.shape[0]
+    physics = jax.vmap(lambda key: task.reset(key).pipeline_state)(jax.random.split(reset_key, batch))
+    plans = jax.vmap(draw_plan)(jax.random.split(plan_key, batch), kinds)
+    progress = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch,)), begin())
+
+    def step(carry: tuple, _: None) -> tuple:
+        physics, progress = carry
+        progress, actions = jax.vmap(act)(plans, progress, physics)
+        physics = jax.vmap(task.advance)(physics, actions)
+        return (physics, progress), (physics, progress.phase < NUM_PHASES)
+
+    _, (states, busy) = jax.lax.scan(step, (physics, progress), length=task.episode_length)
+    frames = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]).swapaxes(0, 1), physics, states)
+    return frames, jnp.sum(busy, axis=0, dtype=jnp.int32)
+
+
+def demonstrate(task: environment.ShoesInBox, key: jax.Array, successes: int, failures: int) -> Demonstrations:
+    """Demonstrations that really succeed and failures that really fail, of the same lengths; see `collect`."""
+    collect_key, length_key = jax.random.split(key)
+
+    def run(key: jax.Array, kinds: np.ndarray) -> tuple[Any, np.ndarray]:
+        states, busy = jax.tree.map(np.asarray, rollouts(task, key, jnp.asarray(kinds)))
+        last = jax.tree.map(lambda leaf: leaf[:, -1], states)
+        return (*jax.tree.map(np.asarray, _seen(states)), busy), np.asarray(jax.vmap(environment.success)(last))
+
+    (boxes, events, busy), kinds = collect(run, collect_key, successes, failures, len(FAILURES), BATCH, MAX_BATCHES)
+    # A failure's motions are over when they are over; it ends when some success does.
+    lengths = np.minimum(busy + TAIL_FRAMES, boxes.shape[1])
+    drawn = np.asarray(jax.random.choice(length_key, lengths[kinds == 0], kinds.shape)) if successes else lengths
+    return Demonstrations(
+        boxes=boxes,
+        mask=np.ones(boxes.shape[:3], bool),
+        lengths=np.where(kinds == 0, lengths, drawn).astype(np.int32),
+        success=kinds == 0,
+        objects=task.objects,
+        frame_rate=task.frame_rate,
+        source="scripted expert",
+        task=task.name,
+        events=reached_for_good(events),
+        event_names=task.event_names,
+        kinds=np.array(("success", *FAILURES))[kinds],
+    )
+
+
+@jax.jit
+def _seen(states: environment.PhysicsState) -> tuple[jax.Array, jax.Array]:
+    """Boxes (B, T, N, 4) and events (B, T, E) of physics states (B, T, ...)."""
+
+    def look(state: environment.PhysicsState) -> tuple[jax.Array, jax.Array]:
+        return geometry.boxes(state.qpos, state.box), environment.events(state)
+
+    return jax.vmap(jax.vmap(look))(states)
