@@ -24,7 +24,7 @@ SHOE_PHASES = ("above_shoe", "at_shoe", "grip", "lift", "over_box", "lower", "le
 NUM_PHASES = len(LID_PHASES) + 2 * len(SHOE_PHASES)
 SAFE_HEIGHT = 0.19
 GRASP_HEIGHT = 0.04
-RELEASE_HEIGHT = WALL_HEIGHT
+RELEASE_HEIGHT = WALL_HEIGHT - 0.02
 SLOT = 0.07
 """Of the shoes' centres from the box's middle, along the hinge."""
 ARC_LEAD = 0.12
