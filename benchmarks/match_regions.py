@@ -72,6 +72,7 @@ def together(options: Options, unseen: Demonstrations | None) -> dict[str, Any]:
         member = pipeline.evaluate_policy(task, settings, reward, policy, options.episodes, options.seed)
         summary = read_json(path / "summary.json")
         member |= {name: summary[name] for name in KEPT if name in summary}
+        member["half_solved_at"] = half_solved_at(Run(path))
         if unseen is not None:
             audited = unseen_audit(task, reward, unseen, options.seed)
             member |= {"pretrain_s": summary["encoder"]["pretrain_s"], "audit": audited}
@@ -83,6 +84,11 @@ def together(options: Options, unseen: Demonstrations | None) -> dict[str, Any]:
         "mean_score": float(np.mean([member["mean_score"] for member in members])),
         "runs": members,
     }
+
+
+def half_solved_at(run: Run) -> int | None:
+    """Environment steps after which half of the finished training episodes were first solved; None if never."""
+    return next((line["env_steps"] for line in run.records("ppo") if line["success"] >= 0.5), None)
 
 
 def learning_curves(runs: tuple[Path, ...], path: Path) -> None:

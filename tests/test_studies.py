@@ -78,12 +78,28 @@ def test_ideal_values_count_both_targets_and_the_robots_way():
     np.testing.assert_allclose(found["nearest"], np.hypot(0.1, 0.4) + np.hypot(0.3, 0.4))
 
 
+def test_whole_trainings_come_soonest_first_and_never_comes_last():
+    def run(seed: int, half_solved_at: int | None, pair_accuracy: float) -> dict:
+        outcome = {"training_seed": seed, "success_rate": 1.0, "env_steps": 4_000_000, "half_solved_at": half_solved_at}
+        return {**outcome, "audit": encoder("a", pair_accuracy)}
+
+    results = {
+        "graph": {"runs": [run(1, None, 0.7), run(2, 1_500_000, 0.9)]},
+        "plain": {"runs": [run(3, 3_000_000, 0.8)]},
+    }
+    lines = report.full_table(results).splitlines()
+    assert [line.split(" | ")[1:4] for line in lines[2:5]] == [
+        ["2", "100.0%", "1.5"], ["3", "100.0%", "3.0"], ["1", "100.0%", "never"],
+    ]  # fmt: skip
+    assert lines[5].startswith("| rank correlation with being soon | | | | 1.00 |")
+
+
 def test_a_report_keeps_its_own_words(tmp_path):
     (tmp_path / "report.md").write_text(f"# Words\n{BEGIN}old{END}\nmore words\n")
     other = {"a_0.slots": policy("a_0", 0.5, "slots")}
     for name, rows in (("encoders", ENCODERS), ("policies", POLICIES | other)):
         (tmp_path / f"{name}.json").write_text(json.dumps(rows))
-    report.write_report(tmp_path)
+    report.write_report(tmp_path, tmp_path)
     text = (tmp_path / "report.md").read_text()
     assert (
         text.startswith("# Words\n") and text.endswith("\nmore words\n") and "| a | 0.500" in text and "old" not in text
@@ -94,7 +110,7 @@ def test_a_report_keeps_its_own_words(tmp_path):
 def test_a_report_leaves_out_what_is_not_measured(tmp_path):
     (tmp_path / "report.md").write_text(f"{BEGIN}{END}")
     (tmp_path / "encoders.json").write_text(json.dumps(ENCODERS))
-    report.write_report(tmp_path)
+    report.write_report(tmp_path, tmp_path)
     text = (tmp_path / "report.md").read_text()
     assert "| a | 0.500" in text and "ideal" not in text and "policy" not in text and "nan" not in text
     assert not (tmp_path / "oracle.png").exists()

@@ -28,6 +28,7 @@ from tasks.match_regions.env import MatchRegions
 FOLDER = Path(__file__).parent
 # Everything but the numbers is made anew when missing.
 RUNS = Path("runs/studies/reward")
+RESULTS = Path("benchmarks/results")
 # Of the landscape and the trajectories that judge all members alike.
 UNSEEN_SEED = 7
 PICTURED = ("paper_0", "default_0")
@@ -78,7 +79,7 @@ def main() -> None:
     elif isinstance(request, Policies):
         policies(request)
     else:
-        write_report(FOLDER)
+        write_report(FOLDER, RESULTS)
 
 
 def encoders(request: Encoders) -> None:

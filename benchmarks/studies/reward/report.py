@@ -1,5 +1,6 @@
 """Tables and figures of the study, from its three result files into report.md."""
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -25,19 +26,25 @@ SUMS = ("undiscounted", "discounted")
 Rows = dict[str, dict[str, Any]]
 
 
-def write_report(folder: Path) -> None:
-    """Writes the tables between the markers of report.md, and the figures beside it, of what was measured."""
+def write_report(folder: Path, results: Path) -> None:
+    """Writes the tables between the markers of report.md, and the figures beside it, of what was measured.
+
+    Args:
+      folder: with encoders.json, policies.json and ceilings.json, as far as they exist.
+      results: with the result files of whole trainings on the graph reward.
+    """
     encoders, policies, ceilings = (
         read_json(path) if path.exists() else {}
         for path in (folder / f"{name}.json" for name in ("encoders", "policies", "ceilings"))
     )
-    report = folder / "report.md"
+    full = {path.stem.removeprefix("match_regions_"): read_json(path) for path in sorted(results.glob("*_graph*.json"))}
     ranked = {member: row for member, row in policies.items() if row["variant"] == "default"}
     parts = [
         (encoders, encoder_table(encoders)),
         (ceilings, ceiling_table(ceilings.get("seeds", {}))),
         (ranked, oracle_table(encoders, ranked)),
         (policies, policy_table(policies)),
+        (full, full_table(full)),
     ]
     report = folder / "report.md"
     tables = "\n\n".join(table for rows, table in parts if rows)
@@ -105,6 +112,28 @@ def oracle_table(encoders: Rows, policies: Rows) -> str:
     return "\n".join(lines)
 
 
+def full_table(results: dict[str, dict[str, Any]]) -> str:
+    """Whole trainings by the name of their result file: outcome and audit of each run, soonest half solved first.
+
+    The last row ranks each measure with how soon half of the training episodes were solved; never counts as last.
+    """
+    runs = [(name, run) for name, result in results.items() for run in result["runs"]]
+    soonest = sorted(runs, key=lambda item: item[1]["half_solved_at"] or math.inf)
+    lines = [
+        f"| training | seed | success | half solved at, million steps | {' | '.join(MEASURES.values())} |",
+        "|---" * (len(MEASURES) + 4) + "|",
+    ]
+    for name, run in soonest:
+        at = f"{run['half_solved_at'] / 1e6:.1f}" if run["half_solved_at"] else "never"
+        cells = [f"{measure(run['audit'], column):.3f}" for column in MEASURES]
+        lines.append(f"| {name} | {run['training_seed']} | {run['success_rate']:.1%} | {at} | {' | '.join(cells)} |")
+    times = [run["half_solved_at"] or 10 * run["env_steps"] for _, run in runs]
+    ranks = [
+        rank_correlation([-time for time in times], [measure(run["audit"], c) for _, run in runs]) for c in MEASURES
+    ]
+    return "\n".join([*lines, f"| rank correlation with being soon | | | | {' | '.join(f'{r:.2f}' for r in ranks)} |"])
+
+
 def policy_table(policies: Rows) -> str:
     """Success and score of every way to train policies, on encoders that all of them had; means over seeds."""
     variants = list(dict.fromkeys(row["variant"] for row in policies.values()))
@@ -145,9 +174,13 @@ def oracle_figure(encoders: Rows, policies: Rows) -> Figure:
     return figure
 
 
-def _rank_correlation(encoders: Rows, policies: Rows, name: str) -> float:
-    values = [measure(encoders[member], name) for member in policies]
-    scores = [row["mean_score"] for row in policies.values()]
-    if min(len(set(values)), len(set(scores))) < 2:
+def rank_correlation(one: list[float], other: list[float]) -> float:
+    """Spearman's; NaN where one of both never varies."""
+    if min(len(set(one)), len(set(other))) < 2:
         return float("nan")
-    return float(spearmanr(values, scores).statistic)
+    return float(spearmanr(one, other).statistic)
+
+
+def _rank_correlation(encoders: Rows, policies: Rows, name: str) -> float:
+    scores = [row["mean_score"] for row in policies.values()]
+    return rank_correlation([measure(encoders[member], name) for member in policies], scores)
