@@ -1,4 +1,4 @@
-"""The command line: `train.py` and `python -m graphrl_jax {demos,pretrain,evaluate}`.
+"""The command line: `train.py` and `python -m graphrl_jax {demos,pretrain,evaluate,stages}`.
 
 A request that cannot be carried out (bad file, unknown name, a folder that holds another run) is one sentence on
 standard error and exit code 2, and nothing is overwritten.
@@ -17,6 +17,7 @@ import numpy as np
 import tyro
 
 from graphrl_jax import compilation, demonstrations, pipeline, plots, recording, runs
+from graphrl_jax.encoder import EncoderConfig
 from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.progress import Progress
 from graphrl_jax.runs import Run, RunError
@@ -112,6 +113,23 @@ class Evaluate:
     out: Path | None = None
 
 
+@dataclass(frozen=True)
+class Stages:
+    """Find the stages of demonstrations where a run's learned reward steps; they need no labels.
+
+    Attributes:
+      run: Folder of a run of `train` or `pretrain`.
+      demos: Demonstration file.
+      method: change_points (of the reward) or uvd (of the embedding).
+      out: JSON file to write; stages.json in the run's folder if left out.
+    """
+
+    run: tyro.conf.Positional[Path]
+    demos: Path
+    method: str = "change_points"
+    out: Path | None = None
+
+
 def train_main(args: list[str] | None = None) -> None:
     """Entry point of `train.py`."""
     _run(lambda: train(tyro.cli(Train, args=args)))
@@ -119,8 +137,10 @@ def train_main(args: list[str] | None = None) -> None:
 
 def main(args: list[str] | None = None) -> None:
     """Entry point of `python -m graphrl_jax`."""
-    commands = {"demos": MakeDemos, "pretrain": Pretrain, "evaluate": Evaluate}
-    actions: dict[type, Callable[[Any], None]] = {MakeDemos: make_demos, Pretrain: pretrain, Evaluate: evaluate}
+    commands = {"demos": MakeDemos, "pretrain": Pretrain, "evaluate": Evaluate, "stages": Stages}
+    actions: dict[type, Callable[[Any], None]] = {
+        MakeDemos: make_demos, Pretrain: pretrain, Evaluate: evaluate, Stages: find_stages
+    }  # fmt: skip
 
     def run() -> None:
         request = tyro.extras.subcommand_cli_from_dict(commands, args=args)
@@ -221,6 +241,22 @@ def evaluate(request: Evaluate) -> None:
         video = request.out or run.path / f"evaluation_{request.seed}.mp4"
         _show_policy(run, *trained, request.seed, request.video_episodes, video)
     print(json.dumps(outcome))
+
+
+def find_stages(request: Stages) -> None:
+    """See `Stages`."""
+    compilation.configure()
+    run = Run(request.run)
+    task = make_task(run.config["task"])
+    demos = demonstrations.load(request.demos)
+    if demos.objects != task.objects:
+        raise ValueError(
+            f"--demos {request.demos}: objects are {demos.objects.names}, but the run's {task.objects.names}"
+        )
+    found = pipeline.demonstration_stages(pipeline.load_reward(run, EncoderConfig(), task), demos, request.method)
+    out = request.out or run.path / "stages.json"
+    runs.write_json(out, {"demos": str(request.demos), "method": request.method, **found})
+    print(json.dumps({"out": str(out), "demonstrations": len(demos), **found.get("judged", {})}))
 
 
 def load_run(run: Run) -> tuple[Task, Settings, Any, Any]:

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from graphrl_jax import demonstrations as demonstration_files
-from graphrl_jax import plots, ppo, pretrain
+from graphrl_jax import plots, ppo, pretrain, stages
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.encoder import EncoderConfig
 from graphrl_jax.encoder import init as init_encoder
@@ -115,6 +115,39 @@ def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demon
         "Learned reward on held-out demonstrations",
     )
     return {**report.numbers(), "trajectory_scores": trajectory_scores(model, demonstrations)}
+
+
+def demonstration_stages(model: RewardModel, demonstrations: Demonstrations, method: str) -> dict[str, Any]:
+    """Boundaries of every demonstration's stages, in frames and seconds; judged by its true events where it has them.
+
+    Raises:
+      ValueError: an unknown method.
+    """
+    if method not in ("change_points", "uvd"):
+        raise ValueError(f"unknown method {method!r}; known methods: change_points, uvd")
+    lengths = [int(length) for length in demonstrations.lengths]
+    if method == "uvd":
+        embedded = np.asarray(
+            embed_demonstrations(model.params, demonstrations, model.alpha, model.suppress_robot, model.tau)
+        )
+        found = [stages.uvd(embedding[:length]) for embedding, length in zip(embedded, lengths, strict=True)]
+    else:
+        rewards = np.asarray(demonstration_rewards(model, demonstrations))
+        found = [stages.change_points(reward[:length]) for reward, length in zip(rewards, lengths, strict=True)]
+    kinds = demonstrations.kinds
+    rows = [
+        {
+            "length": length,
+            "kind": None if kinds is None else str(kinds[index]),
+            "boundaries": boundaries,
+            "seconds": [frame / demonstrations.frame_rate for frame in boundaries],
+        }
+        for index, (boundaries, length) in enumerate(zip(found, lengths, strict=True))
+    ]
+    if demonstrations.events is None:
+        return {"stages": rows}
+    true = [stages.true_boundaries(*pair) for pair in zip(demonstrations.events, lengths, strict=True)]
+    return {"stages": rows, "judged": stages.judge(found, true, demonstrations.lengths)}
 
 
 def load_reward(run: Run, config: EncoderConfig, task: Task) -> RewardModel:
