@@ -5,6 +5,7 @@ its fingers open, and when it is over. Failures differ from successes by what go
 the same motions afterwards, so that length tells nothing.
 """
 
+import math
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -242,9 +243,11 @@ def demonstrate(task: environment.ShoesInBox, key: jax.Array, successes: int, fa
     def run(key: jax.Array, kinds: np.ndarray) -> tuple[Any, np.ndarray]:
         states, busy = jax.tree.map(np.asarray, rollouts(task, key, jnp.asarray(kinds)))
         last = jax.tree.map(lambda leaf: leaf[:, -1], states)
-        return (*jax.tree.map(np.asarray, _seen(states)), busy), np.asarray(jax.vmap(environment.success)(last))
+        return (*jax.tree.map(np.asarray, seen(states)), busy), np.asarray(jax.vmap(environment.success)(last))
 
-    (boxes, events, busy), kinds = collect(run, collect_key, successes, failures, len(FAILURES), BATCH, MAX_BATCHES)
+    # A few episodes do not need a whole batch.
+    batch = min(BATCH, 8 * math.ceil((successes + failures) / 8))
+    (boxes, events, busy), kinds = collect(run, collect_key, successes, failures, len(FAILURES), batch, MAX_BATCHES)
     # A failure's motions are over when they are over; it ends when some success does.
     lengths = np.minimum(busy + TAIL_FRAMES, boxes.shape[1])
     drawn = np.asarray(jax.random.choice(length_key, lengths[kinds == 0], kinds.shape)) if successes else lengths
@@ -264,7 +267,7 @@ def demonstrate(task: environment.ShoesInBox, key: jax.Array, successes: int, fa
 
 
 @jax.jit
-def _seen(states: environment.PhysicsState) -> tuple[jax.Array, jax.Array]:
+def seen(states: environment.PhysicsState) -> tuple[jax.Array, jax.Array]:
     """Boxes (B, T, N, 4) and events (B, T, E) of physics states (B, T, ...)."""
 
     def look(state: environment.PhysicsState) -> tuple[jax.Array, jax.Array]:
