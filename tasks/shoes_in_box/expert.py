@@ -251,16 +251,18 @@ def demonstrate(task: environment.ShoesInBox, key: jax.Array, successes: int, fa
     # A failure's motions are over when they are over; it ends when some success does.
     lengths = np.minimum(busy + TAIL_FRAMES, boxes.shape[1])
     drawn = np.asarray(jax.random.choice(length_key, lengths[kinds == 0], kinds.shape)) if successes else lengths
+    lengths = np.where(kinds == 0, lengths, drawn).astype(np.int32)
+    frames = reached_for_good(events)
     return Demonstrations(
         boxes=boxes,
         mask=np.ones(boxes.shape[:3], bool),
-        lengths=np.where(kinds == 0, lengths, drawn).astype(np.int32),
+        lengths=lengths,
         success=kinds == 0,
         objects=task.objects,
         frame_rate=task.frame_rate,
         source="scripted expert",
         task=task.name,
-        events=reached_for_good(events),
+        events=np.where(frames < lengths[:, None], frames, -1),
         event_names=task.event_names,
         kinds=np.array(("success", *FAILURES))[kinds],
     )
