@@ -13,6 +13,7 @@ BEGIN, END = "<!-- results: written by a script from result files -->\n", "<!-- 
 METHODS = {
     "env": "environmental reward, with the reach term",
     "graph": "graph reward, w/o robot",
+    "graph_plain_distance": "graph reward, w/o robot, not evened (Eq. 3)",
     "graph_with_robot": "graph reward, w/ robot",
 }
 

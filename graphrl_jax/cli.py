@@ -220,7 +220,7 @@ def pretrain(request: Pretrain) -> None:
     demos = demonstrations.load(request.demos)
     task = make_task(demos.task)
     config = PretrainConfig(steps=request.steps)
-    hyper = PretrainHyper(alpha=request.alpha, suppress_robot=float(not request.with_robot))
+    hyper = PretrainHyper(alpha=request.alpha, suppress_robot=float(not request.with_robot), rearranged=task.rearranged)
     run = Run.create(request.out, {"command": "pretrain", "task": demos.task, **_plain(asdict(request))})
     with Progress() as progress:
         model, numbers = pipeline.train_encoder(run, demos, config, hyper, request.seed, progress)
@@ -271,7 +271,11 @@ def load_run(run: Run) -> tuple[Task, Settings, Any, Any]:
 
 def _started(request: Train) -> tuple[Run, Settings]:
     """A new run and its settings, validated before anything is written."""
-    hyper = PretrainHyper(alpha=request.alpha, suppress_robot=float(request.reward != "graph_with_robot"))
+    hyper = PretrainHyper(
+        alpha=request.alpha,
+        suppress_robot=float(request.reward != "graph_with_robot"),
+        rearranged=make_task(request.task).rearranged,
+    )
     settings = Settings(
         task=request.task,
         reward=request.reward,
@@ -281,7 +285,6 @@ def _started(request: Train) -> tuple[Run, Settings]:
         updates=request.updates,
         pretrain=hyper,
     )
-    make_task(settings.task)
     if settings.demos is not None:
         demonstrations.load(settings.demos)
     out = request.out or Path("runs") / f"{settings.task}_{settings.reward}_{settings.seed}"

@@ -29,6 +29,8 @@ class Task(Env):
       event_names: (E,) names of the true stage events.
       episode_length: control steps per episode.
       frame_rate: control steps per second.
+      rearranged: share of demonstrations that pretraining sees rearranged (`augment.py`); 0 where objects do not move
+        freely, such as a lid on its hinge.
     """
 
     name: str
@@ -36,6 +38,7 @@ class Task(Env):
     event_names: tuple[str, ...]
     episode_length: int
     frame_rate: float
+    rearranged: float = 1.0
 
     @property
     def backend(self) -> str:

@@ -91,6 +91,7 @@ class ShoesInBox(Task):
     event_names = ("lid_open", "shoe_1_taken", "shoe_1_inside", "shoe_2_taken", "shoe_2_inside")
     episode_length = 480
     frame_rate = 1 / CONTROL_DT
+    rearranged = 0.0
     action_size = 5
     observation_size = 46
 
