@@ -15,6 +15,7 @@ import numpy as np
 from graphrl_jax import demonstrations as demonstration_files
 from graphrl_jax import plots, ppo, pretrain, stages
 from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.discrimination import discrimination
 from graphrl_jax.encoder import EncoderConfig
 from graphrl_jax.encoder import init as init_encoder
 from graphrl_jax.evaluation import evaluate
@@ -24,7 +25,7 @@ from graphrl_jax.ppo_config import PPOConfig, PPOHyper
 from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.progress import Progress
 from graphrl_jax.reward import RewardModel, demonstration_rewards, embed_demonstrations, fit_reward
-from graphrl_jax.runs import Run, load_tree, save_tree
+from graphrl_jax.runs import Run, load_tree, save_tree, write_json
 from graphrl_jax.settings import Settings
 from graphrl_jax.task import Task
 from graphrl_jax.wrappers import EnvironmentReward, GraphReward
@@ -101,7 +102,12 @@ def encoder_numbers(model: RewardModel, held_out: Demonstrations) -> dict[str, f
 
 
 def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demonstrations, seed: int) -> dict[str, Any]:
-    """Audits the reward away from the demonstrations and draws it; returns the audit's numbers."""
+    """Audits the reward away from the demonstrations it was learned from, draws it, and finds stages of held-out ones.
+
+    Returns:
+      the audit's numbers; how the reward tells successes from failures, if there are any; how well stages of held-out
+      successes meet their true events, if they have them.
+    """
     report = audit(model, task.landscape(stage_key(seed, LANDSCAPE)))
     plots.landscape(report, run.figures / "landscape.png")
     held_out = demonstrations.successes().split(0.75, seed)[1]
@@ -114,7 +120,19 @@ def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demon
         run.figures / "reward_on_demonstrations.png",
         "Learned reward on held-out demonstrations",
     )
-    return {**report.numbers(), "trajectory_scores": trajectory_scores(model, demonstrations)}
+    numbers = {**report.numbers(), "trajectory_scores": trajectory_scores(model, demonstrations)}
+    if not demonstrations.success.all():
+        failed = demonstrations.select(~demonstrations.success)
+        # Successes that the encoder saw are not asked whether they look like successes.
+        rewards = [np.asarray(demonstration_rewards(model, those)) for those in (held_out, failed)]
+        numbers["discrimination"] = discrimination(
+            np.concatenate(rewards),
+            np.concatenate([held_out.lengths, failed.lengths]),
+            np.concatenate([held_out.success, failed.success]),
+        )
+    found = demonstration_stages(model, held_out, "change_points")
+    write_json(run.path / "stages.json", {"method": "change_points", **found})
+    return {**numbers, "stages": found.get("judged")}
 
 
 def demonstration_stages(model: RewardModel, demonstrations: Demonstrations, method: str) -> dict[str, Any]:

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -77,8 +78,8 @@ def test_a_run_directory_holds_everything(finished):
     files = {str(path.relative_to(finished)) for path in finished.rglob("*") if path.is_file()}
     assert files == {
         "config.json", "metrics.jsonl", "summary.json", "demonstrations.npz", "encoder.npz", "encoder.json",
-        "policy.npz", "train_state.npz", "rollout.mp4", "figures/learning_curve.png", "figures/landscape.png",
-        "figures/reward_on_demonstrations.png", "figures/reward_on_rollouts.png",
+        "stages.json", "policy.npz", "train_state.npz", "rollout.mp4", "figures/learning_curve.png",
+        "figures/landscape.png", "figures/reward_on_demonstrations.png", "figures/reward_on_rollouts.png",
     }  # fmt: skip
     summary = json.loads((finished / "summary.json").read_text())
     for name in ("success_rate", "mean_score", "mean_return", "env_steps", "wall_s", "compile_s", "train_steps_per_s"):
@@ -130,6 +131,27 @@ def test_demonstrations_and_encoder_alone(demos_file, tmp_path):
     summary = json.loads((out / "summary.json").read_text())
     assert set(summary["trajectory_scores"]["by_kind"]) == {"success", "idle"}
     assert (out / "encoder.npz").exists() and (out / "figures" / "landscape.png").exists()
+    assert summary["discrimination"]["failures"] == 2 and 0 <= summary["discrimination"]["auroc"] <= 1
+    assert json.loads((out / "stages.json").read_text())["judged"] == summary["stages"]
+
+
+@pytest.mark.parametrize("method", ["change_points", "uvd"])
+def test_stages_of_demonstrations_without_labels(demos_file, tmp_path, finished, method):
+    bare = replace(load(demos_file), events=None, event_names=(), kinds=None)
+    file, out = tmp_path / "bare.npz", tmp_path / "stages.json"
+    bare.save(file)
+    printed = call(cli.main, "stages", finished, "--demos", file, "--method", method, "--out", out)
+    assert printed == {"out": str(out), "demonstrations": len(bare)}
+    rows = json.loads(out.read_text())["stages"]
+    assert [row["length"] for row in rows] == bare.lengths.tolist()
+    for row in rows:
+        assert all(0 < frame < row["length"] for frame in row["boundaries"])
+        np.testing.assert_allclose(np.array(row["seconds"]) * bare.frame_rate, row["boundaries"])
+
+
+def test_an_unknown_way_to_find_stages_is_one_sentence(capsys, demos_file, finished):
+    message = rejected(capsys, ["stages", finished, "--demos", demos_file, "--method", "guess"], cli.main)
+    assert "'guess'" in message and "change_points" in message
 
 
 @pytest.fixture(scope="module")
