@@ -28,7 +28,7 @@ class Grid:
     | name         |              | what is moved, and where the rest is                 |
     | boxes        | (Y, X, N, 4) | the scenes                                           |
     | active       | (N,)         | bool, which slots count as moved                     |
-    | x, y         | (X,), (Y,)   | places of the object's centre, arena units           |
+    | x, y         | (X,), (Y,)   | places of the object's centre, the task's units      |
     | inside       | (Y, X)       | bool, whether that place is inside the goal          |
     | goal_outline | (V, 2)       | corners of the goal                                  |
     | start        | (2,)         | where the object starts                              |

@@ -128,7 +128,7 @@ def _heat_map(figure: Figure, axes: Axes, grid: GridReport) -> None:
     axes.plot(*grid.start, marker="o", color="white", markeredgecolor="black", markersize=9)
     colour = "limegreen" if grid.maximum_inside else "red"
     axes.plot(*grid.maximum, marker="*", color=colour, markeredgecolor="black", markersize=18)
-    axes.set(title=grid.name, xlabel="x (arena units)", ylabel="y (arena units)", aspect="equal")
+    axes.set(title=grid.name, xlabel="x", ylabel="y", aspect="equal")
 
 
 def _series(records: Sequence[dict[str, Any]], name: str) -> tuple[np.ndarray, np.ndarray]:
