@@ -1,6 +1,7 @@
 """Tables and figures of the study, from its three result files into report.md."""
 
 import math
+import textwrap
 from pathlib import Path
 from typing import Any
 
@@ -128,10 +129,10 @@ def full_table(results: dict[str, dict[str, Any]]) -> str:
         cells = [f"{measure(run['audit'], column):.3f}" for column in MEASURES]
         lines.append(f"| {name} | {run['training_seed']} | {run['success_rate']:.1%} | {at} | {' | '.join(cells)} |")
     times = [run["half_solved_at"] or 10 * run["env_steps"] for _, run in runs]
-    ranks = [
-        rank_correlation([-time for time in times], [measure(run["audit"], c) for _, run in runs]) for c in MEASURES
-    ]
-    return "\n".join([*lines, f"| rank correlation with being soon | | | | {' | '.join(f'{r:.2f}' for r in ranks)} |"])
+    soon = [-time for time in times]
+    ranks = [rank_correlation(soon, [measure(run["audit"], column) for _, run in runs]) for column in MEASURES]
+    shown = ["all alike" if math.isnan(rank) else f"{rank:.2f}" for rank in ranks]
+    return "\n".join([*lines, f"| rank correlation with being soon | | | | {' | '.join(shown)} |"])
 
 
 def policy_table(policies: Rows) -> str:
@@ -155,7 +156,7 @@ def encoder_figure(encoders: Rows) -> Figure:
         for row, seeds in enumerate(values.values()):
             axes.plot(seeds, [row] * len(seeds), "o", color="tab:blue", alpha=0.6, markersize=4)
         axes.set_yticks(range(len(values)), list(values))
-        axes.set_title(label, fontsize=9)
+        axes.set_title(textwrap.fill(label, 16), fontsize=9)
         axes.grid(axis="y", alpha=0.3)
         axes.spines[["top", "right"]].set_visible(False)
     figure.axes[0].invert_yaxis()
