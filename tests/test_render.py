@@ -90,9 +90,9 @@ def test_boxes_show_activity_and_mask() -> None:
         return {tuple(colour) for colour in rows.reshape(-1, 3).tolist()}
 
     assert drawing.ACTIVE_COLOUR in edge_colours(STAR_BOX_SLOT, True)
-    assert render.IDLE_COLOUR in edge_colours(STAR_BOX_SLOT, False)
+    assert drawing.IDLE_COLOUR in edge_colours(STAR_BOX_SLOT, False)
     dotted = edge_colours(ROBOT_SLOT, True)
-    assert {render.ROBOT_BOX_COLOUR, render.BACKGROUND} <= dotted
+    assert {drawing.ROBOT_BOX_COLOUR, render.BACKGROUND} <= dotted
     assert edge_colours(-1, True) == {render.BACKGROUND}
 
 
@@ -103,7 +103,7 @@ def test_episode_frames_show_the_reward_so_far() -> None:
     frames = render.episode_frames(qpos, boxes, mask, mask, np.linspace(-1, 0, steps), SIZE, "learned reward")
     assert frames.shape == (steps, SIZE, 2 * SIZE, 3) and frames.dtype == np.uint8
     np.testing.assert_array_equal(frames[:, :, :SIZE], np.broadcast_to(frames[0, :, :SIZE], (steps, SIZE, SIZE, 3)))
-    green = np.sum(np.all(frames[:, :, SIZE:] == render.GREEN, axis=-1), axis=(1, 2))
+    green = np.sum(np.all(frames[:, :, SIZE:] == drawing.CURVE, axis=-1), axis=(1, 2))
     assert np.all(np.diff(green) > 0)
 
 
