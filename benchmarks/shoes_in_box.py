@@ -6,7 +6,7 @@ Runs are those of `train.py --task shoes_in_box` or of `python -m graphrl_jax pr
 demonstrations of a seed of their own, which no encoder saw. Writes benchmarks/results/shoes_in_box.json and pictures.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from matplotlib.offsetbox import AnnotationBbox, OffsetImage
 
 from benchmarks.context import measured_on
 from graphrl_jax import demonstrations as demonstration_files
-from graphrl_jax import pipeline
+from graphrl_jax import pipeline, stages
 from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.discrimination import discrimination
@@ -33,7 +33,6 @@ from tasks.shoes_in_box.env import ShoesInBox
 RESULTS = Path("benchmarks/results")
 SUCCESSES, FAILURES = 32, 36
 PICTURES = 7
-METHODS = ("change_points", "uvd")
 
 
 @dataclass(frozen=True)
@@ -63,7 +62,7 @@ def judge(model: RewardModel, demos: Demonstrations) -> dict[str, Any]:
     kinds = {str(kind): demos.select(demos.kinds == kind) for kind in np.unique(demos.kinds)}
     judged = {
         method: {kind: pipeline.demonstration_stages(model, those, method)["judged"] for kind, those in kinds.items()}
-        for method in METHODS
+        for method in pipeline.STAGE_METHODS
     }
     return {"discrimination": discrimination(rewards, demos.lengths, demos.success), "stages": judged}
 
@@ -76,22 +75,16 @@ def profile_figure(task: ShoesInBox, model: RewardModel, demos: Demonstrations, 
     shown = int(np.argmax(solved))
     length = min(int(busy[shown]) + expert.TAIL_FRAMES, demos.num_frames)
     boxes, events = (np.asarray(leaf)[shown] for leaf in expert.seen(states))
-    single = demos.select([0])
-    rewards = np.asarray(
-        demonstration_rewards(
-            model,
-            Demonstrations(
-                boxes=boxes[None],
-                mask=np.ones((1, *boxes.shape[:2]), bool),
-                lengths=np.array([length], np.int32),
-                success=np.array([True]),
-                objects=single.objects,
-                frame_rate=single.frame_rate,
-                source=single.source,
-                task=single.task,
-            ),
-        )
-    )[0, :length]
+    single = replace(
+        demos.select([0]),
+        boxes=boxes[None],
+        mask=np.ones((1, *boxes.shape[:2]), bool),
+        lengths=np.array([length], np.int32),
+        success=np.array([True]),
+        events=None,
+        event_names=(),
+    )
+    rewards = np.asarray(demonstration_rewards(model, single))[0, :length]
     figure = Figure(figsize=(12, 5.6), dpi=110, layout="constrained")
     pictures, axes = figure.subplots(2, 1, height_ratios=(1, 2.2))
     seconds = np.arange(length) / single.frame_rate
@@ -99,8 +92,7 @@ def profile_figure(task: ShoesInBox, model: RewardModel, demos: Demonstrations, 
     for other, until in list(zip(np.asarray(demonstration_rewards(model, others)), others.lengths, strict=True))[:8]:
         axes.plot(np.arange(until) / single.frame_rate, other[:until], color="0.8", linewidth=0.8)
     axes.plot(seconds, rewards, color="tab:green", linewidth=1.8)
-    for index, name in enumerate(task.event_names):
-        frame = int(demonstration_files.reached_for_good(events[None])[0, index])
+    for name, frame in zip(task.event_names, demonstration_files.reached_for_good(events[None])[0], strict=True):
         axes.axvline(frame / single.frame_rate, color="tab:orange", linewidth=1, linestyle="--")
         axes.text(frame / single.frame_rate, 0.02, f" {name.replace('_', ' ')}", rotation=90, fontsize=8, va="bottom",
                   transform=axes.get_xaxis_transform())  # fmt: skip
@@ -127,7 +119,7 @@ def stages_figure(model: RewardModel, demos: Demonstrations, path: Path, shown: 
         axes.plot(np.arange(length) / some.frame_rate, rewards[index, :length], color="tab:green")
         for frame in found[index]["boundaries"]:
             axes.axvline(frame / some.frame_rate, color="tab:blue", linewidth=1)
-        true = np.array([frame for frame in some.events[index] if 0 < frame < length])
+        true = np.array(stages.true_boundaries(some.events[index], length))
         axes.plot(true / some.frame_rate, np.full(len(true), 0.03), "^", color="tab:orange",
                   transform=axes.get_xaxis_transform())  # fmt: skip
         axes.set(xlabel="time (s)")

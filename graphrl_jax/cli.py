@@ -271,11 +271,7 @@ def load_run(run: Run) -> tuple[Task, Settings, Any, Any]:
 
 def _started(request: Train) -> tuple[Run, Settings]:
     """A new run and its settings, validated before anything is written."""
-    hyper = PretrainHyper(
-        alpha=request.alpha,
-        suppress_robot=float(request.reward != "graph_with_robot"),
-        rearranged=make_task(request.task).rearranged,
-    )
+    hyper = _pretrain_hyper(make_task(request.task), request.alpha, request.reward == "graph_with_robot")
     settings = Settings(
         task=request.task,
         reward=request.reward,
@@ -289,6 +285,10 @@ def _started(request: Train) -> tuple[Run, Settings]:
         demonstrations.load(settings.demos)
     out = request.out or Path("runs") / f"{settings.task}_{settings.reward}_{settings.seed}"
     return Run.create(out, {"command": "train", "version": runs.VERSION, **asdict(settings)}), settings
+
+
+def _pretrain_hyper(task: Task, alpha: float, with_robot: bool) -> PretrainHyper:
+    return PretrainHyper(alpha=alpha, suppress_robot=float(not with_robot), rearranged=task.rearranged)
 
 
 def _resumed(request: Train) -> tuple[Run, Settings]:

@@ -33,6 +33,8 @@ from graphrl_jax.wrappers import EnvironmentReward, GraphReward
 # One key per use, folded into the run's seed, so that a stage's randomness does not depend on which stages ran.
 DEMONSTRATIONS, _PRETRAIN, LANDSCAPE, _POLICY, _EVALUATION, RECORDING, _GOAL = range(7)
 
+STAGE_METHODS = ("change_points", "uvd")
+
 
 def stage_key(seed: int, stage: int) -> jax.Array:
     """The typed key of a stage."""
@@ -111,8 +113,9 @@ def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demon
     report = audit(model, task.landscape(stage_key(seed, LANDSCAPE)))
     plots.landscape(report, run.figures / "landscape.png")
     held_out = demonstrations.successes().split(0.75, seed)[1]
+    rewards = np.asarray(demonstration_rewards(model, held_out))
     plots.reward_over_time(
-        np.asarray(demonstration_rewards(model, held_out)),
+        rewards,
         held_out.lengths,
         held_out.events,
         held_out.event_names,
@@ -124,9 +127,8 @@ def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demon
     if not demonstrations.success.all():
         failed = demonstrations.select(~demonstrations.success)
         # Successes that the encoder saw are not asked whether they look like successes.
-        rewards = [np.asarray(demonstration_rewards(model, those)) for those in (held_out, failed)]
         numbers["discrimination"] = discrimination(
-            np.concatenate(rewards),
+            np.concatenate([rewards, np.asarray(demonstration_rewards(model, failed))]),
             np.concatenate([held_out.lengths, failed.lengths]),
             np.concatenate([held_out.success, failed.success]),
         )
@@ -141,8 +143,8 @@ def demonstration_stages(model: RewardModel, demonstrations: Demonstrations, met
     Raises:
       ValueError: an unknown method.
     """
-    if method not in ("change_points", "uvd"):
-        raise ValueError(f"unknown method {method!r}; known methods: change_points, uvd")
+    if method not in STAGE_METHODS:
+        raise ValueError(f"unknown method {method!r}; known methods: {', '.join(STAGE_METHODS)}")
     lengths = [int(length) for length in demonstrations.lengths]
     if method == "uvd":
         embedded = np.asarray(

@@ -28,18 +28,6 @@ class Pose(NamedTuple):
         return self.position + points @ self.rotation.T
 
 
-def about_z(angle: jax.Array) -> jax.Array:
-    """Rotation about the vertical: (3, 3)."""
-    c, s, zero, one = jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle), jnp.ones_like(angle)
-    return jnp.stack([jnp.stack(row) for row in ((c, -s, zero), (s, c, zero), (zero, zero, one))])
-
-
-def about_y(angle: jax.Array) -> jax.Array:
-    """Rotation about y: (3, 3)."""
-    c, s, zero, one = jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle), jnp.ones_like(angle)
-    return jnp.stack([jnp.stack(row) for row in ((c, zero, s), (zero, one, zero), (-s, zero, c))])
-
-
 def from_quaternion(q: jax.Array) -> jax.Array:
     """Rotation (3, 3) of a unit quaternion (4,), real part first."""
     w, x, y, z = q
@@ -53,13 +41,13 @@ def from_quaternion(q: jax.Array) -> jax.Array:
 
 def box_pose(box: jax.Array) -> Pose:
     """Frame of the box at (x, y, yaw)."""
-    return Pose(jnp.append(box[:2], 0.0), about_z(box[2]))
+    return Pose(jnp.append(box[:2], 0.0), kinematics.about(2, box[2]))
 
 
 def lid_pose(box: jax.Array, angle: jax.Array) -> Pose:
     """Frame of the lid: at the hinge, x towards the hinge from the bar."""
     carrier = box_pose(box)
-    return Pose(carrier.place(jnp.array(model.HINGE)), carrier.rotation @ about_y(angle))
+    return Pose(carrier.place(jnp.array(model.HINGE)), carrier.rotation @ kinematics.about(1, angle))
 
 
 def bar(box: jax.Array, angle: jax.Array) -> jax.Array:

@@ -19,10 +19,14 @@ _DAMPING = 0.02
 _TO_HOME = 0.02
 
 
-def _about(axis: int, angle: jax.Array) -> jax.Array:
-    """Rotation by `angle` about one of the frame's axes: (3, 3)."""
+def about(axis: int, angle: jax.Array) -> jax.Array:
+    """Rotation by `angle` about the x (0), y (1) or z (2) axis: (3, 3)."""
     one, zero, c, s = jnp.ones_like(angle), jnp.zeros_like(angle), jnp.cos(angle), jnp.sin(angle)
-    rows = {0: ((one, zero, zero), (zero, c, -s), (zero, s, c)), 2: ((c, -s, zero), (s, c, zero), (zero, zero, one))}
+    rows = (
+        ((one, zero, zero), (zero, c, -s), (zero, s, c)),
+        ((c, zero, s), (zero, one, zero), (-s, zero, c)),
+        ((c, -s, zero), (s, c, zero), (zero, zero, one)),
+    )
     return jnp.stack([jnp.stack(row) for row in rows[axis]])
 
 
@@ -32,17 +36,17 @@ def forward(joints: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Arr
     axes, places = [], []
     for joint, (offset, turns) in enumerate(LINK_FRAMES):
         position = position + rotation @ jnp.array(offset)
-        rotation = rotation @ _about(0, jnp.array(turns * math.pi / 2))
+        rotation = rotation @ about(0, jnp.array(turns * math.pi / 2))
         axes.append(rotation[:, 2])
         places.append(position)
-        rotation = rotation @ _about(2, joints[joint])
+        rotation = rotation @ about(2, joints[joint])
     tip = position + rotation[:, 2] * (FLANGE + TCP_DISTANCE)
-    return tip, rotation @ _about(2, jnp.array(HAND_TURN)), jnp.stack(axes), jnp.stack(places)
+    return tip, rotation @ about(2, jnp.array(HAND_TURN)), jnp.stack(axes), jnp.stack(places)
 
 
 def downward(yaw: jax.Array) -> jax.Array:
     """The hand's rotation (3, 3) when it points down at this yaw."""
-    return _about(2, yaw) @ jnp.diag(jnp.array([1.0, -1.0, -1.0]))
+    return about(2, yaw) @ jnp.diag(jnp.array([1.0, -1.0, -1.0]))
 
 
 def pose(joints: jax.Array) -> jax.Array:

@@ -41,14 +41,14 @@ def write_report(folder: Path, results: Path) -> None:
     full = {path.stem.removeprefix("match_regions_"): read_json(path) for path in sorted(results.glob("*_graph*.json"))}
     ranked = {member: row for member, row in policies.items() if row["variant"] == "default"}
     parts = [
-        (encoders, encoder_table(encoders)),
-        (ceilings, ceiling_table(ceilings.get("seeds", {}))),
-        (ranked, oracle_table(encoders, ranked)),
-        (policies, policy_table(policies)),
-        (full, full_table(full)),
+        encoder_table(encoders) if encoders else "",
+        ceiling_table(ceilings["seeds"]) if ceilings else "",
+        oracle_table(encoders, ranked) if ranked else "",
+        policy_table(policies) if policies else "",
+        full_table(full) if full else "",
     ]
     report = folder / "report.md"
-    tables = "\n\n".join(table for rows, table in parts if rows)
+    tables = "\n\n".join(table for table in parts if table)
     report.write_text(updated(report.read_text(), f"{tables}\n"))
     if encoders:
         write_atomically(folder / "encoders.png", FigureCanvasAgg(encoder_figure(encoders)).print_png)
