@@ -1,153 +1,177 @@
-"""The learned reward on Shoes in Box: profile, discrimination of successes from failures, stages.
+"""The learned reward on Shoes in Box: profile, discrimination of successes from failures, stages. One command:
 
-    python -m benchmarks.shoes_in_box runs/shoes_in_box_graph_0 [more runs, of either pooling and any seed]
+    python -m benchmarks.shoes_in_box [--preset smoke]
 
-Runs are those of `train.py --task shoes_in_box` or of `python -m graphrl_jax pretrain`. All are judged by the same
-demonstrations of a seed of their own, which no encoder saw. Writes benchmarks/results/shoes_in_box.json and pictures.
+It makes demonstrations, trains an encoder per reward and seed, and judges all of them by the same successes and
+failures of a seed of their own, which no encoder saw. What is in `--out` already is used again, so an interrupted
+command goes on. Writes shoes_in_box.json and pictures to `benchmarks/results` (smoke: to `--out`).
 """
 
+import shutil
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import numpy as np
 import tyro
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-from matplotlib.offsetbox import AnnotationBbox, OffsetImage
 
 from benchmarks.context import measured_on
+from benchmarks.shoes_in_box_figures import profile_figure, stages_figure
 from graphrl_jax import demonstrations as demonstration_files
-from graphrl_jax import pipeline, stages
+from graphrl_jax import pipeline
 from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.discrimination import discrimination
-from graphrl_jax.encoder import EncoderConfig
+from graphrl_jax.pretrain import PretrainConfig
+from graphrl_jax.progress import Progress
 from graphrl_jax.reward import RewardModel, demonstration_rewards
-from graphrl_jax.runs import Run, write_atomically, write_json
+from graphrl_jax.runs import Run, write_json
 from graphrl_jax.task import make_task
-from tasks.shoes_in_box import expert, render
+from tasks.shoes_in_box import expert
 from tasks.shoes_in_box.env import ShoesInBox
 
 RESULTS = Path("benchmarks/results")
-SUCCESSES, FAILURES = 32, 36
-PICTURES = 7
+TRAINING_SEED, VALIDATION_SEED, LAYOUT_SEED = 0, 1007, 1008
+REWARDS: dict[str, dict[str, float]] = {
+    "graph": {},
+    "graph_with_robot": {"suppress_robot": 0.0, "robot_messages": 1.0},
+    "graph_robot_heard": {"robot_messages": 1.0},
+}
+"""Floats of pretraining by which each reward differs from the task's: ours w/o and w/ robot, and the robot left out of
+the pooling alone (Eq. 1 to the letter), where its messages still reach the other nodes."""
+
+
+@dataclass(frozen=True)
+class Sizes:
+    """Training demonstrations; successes and failures that judge; layouts the expert is tried on; steps and seeds."""
+
+    demonstrations: int
+    successes: int
+    failures: int
+    layouts: int
+    steps: int
+    seeds: int
+
+
+PRESETS = {"smoke": Sizes(8, 8, 6, 8, 40, 1), "default": Sizes(64, 32, 36, 64, PretrainConfig().steps, 5)}
 
 
 @dataclass(frozen=True)
 class Options:
-    """Judges the rewards of finished runs on demonstrations that no encoder saw.
+    """Trains and judges rewards on Shoes in Box.
 
     Attributes:
-      runs: folders of runs.
-      seed: of the demonstrations that judge.
-      demos: where these are kept; made if missing.
+      preset: smoke tries everything on little.
+      out: where demonstrations and encoders are kept; runs/shoes_in_box_PRESET if left out.
     """
 
-    runs: tyro.conf.Positional[tuple[Path, ...]]
-    seed: int = 1007
-    demos: Path = Path("runs/shoes_in_box_validation.npz")
+    preset: Literal["smoke", "default"] = "default"
+    out: Path | None = None
 
 
-def pooling(model: RewardModel) -> str:
-    """Name of the reward by what it pools."""
-    return "graph" if float(model.suppress_robot) else "graph_with_robot"
+def kept_demonstrations(task: ShoesInBox, path: Path, seed: int, successes: int, failures: int) -> Demonstrations:
+    """Demonstrations of a seed, made once."""
+    if not path.exists():
+        key = pipeline.stage_key(seed, pipeline.DEMONSTRATIONS)
+        task.demonstrate(key, successes, failures).save(path)
+    return demonstration_files.load(path)
+
+
+def trained(task: ShoesInBox, demos: Demonstrations, name: str, seed: int, steps: int, out: Path) -> RewardModel:
+    """The reward of one encoder, trained once."""
+    config = PretrainConfig(steps=steps)
+    path = out / f"{name}_{seed}"
+    if not (path / "encoder.npz").exists():
+        shutil.rmtree(path, ignore_errors=True)  # left by an interrupted training
+        run = Run.create(path, {"command": "benchmark", "task": task.name, "reward": name, "seed": seed})
+        with Progress() as progress:
+            hyper = replace(task.pretraining, **REWARDS[name])
+            pipeline.train_encoder(run, demos, config, hyper, seed, progress)
+    return pipeline.load_reward(Run(path), config.encoder, task)
+
+
+def whole_episodes(demos: Demonstrations) -> Demonstrations:
+    """The same episodes, not cut where a demonstration ends but followed to the task's time limit."""
+    return replace(demos, lengths=np.full(len(demos), demos.num_frames, np.int32))
+
+
+def true_progress(demos: Demonstrations) -> np.ndarray:
+    """Minus the share of stages left at every frame, (B, T): what a perfect step-like reward would say."""
+    assert demos.events is not None
+    frames = np.arange(demos.num_frames)[:, None]
+    return -1.0 + ((demos.events[:, None] >= 0) & (frames >= demos.events[:, None])).mean(-1)
+
+
+def discriminate(rewards: np.ndarray, demos: Demonstrations) -> dict[str, Any]:
+    """Discrimination, over all failures and for each kind of them."""
+    assert demos.kinds is not None
+    kinds = {}
+    for kind in np.unique(demos.kinds[~demos.success]):
+        some = demos.success | (demos.kinds == kind)
+        found = discrimination(rewards[some], demos.lengths[some], demos.success[some])
+        kinds[str(kind)] = {name: found[name] for name in ("rho", "auroc", "auroc_per_step", "order_failure")}
+    return {**discrimination(rewards, demos.lengths, demos.success), "kinds": kinds}
 
 
 def judge(model: RewardModel, demos: Demonstrations) -> dict[str, Any]:
-    """Discrimination over all demonstrations; stages of successes and of every kind of failure, by both methods."""
-    rewards = np.asarray(demonstration_rewards(model, demos))
-    assert demos.kinds is not None
-    kinds = {str(kind): demos.select(demos.kinds == kind) for kind in np.unique(demos.kinds)}
-    judged = {
-        method: {kind: pipeline.demonstration_stages(model, those, method)["judged"] for kind, those in kinds.items()}
-        for method in pipeline.STAGE_METHODS
+    """Discrimination on demonstrations and on whole episodes; stages of every kind of episode, by every method."""
+    whole = whole_episodes(demos)
+    kinds = {str(kind): demos.select(demos.kinds == kind) for kind in np.unique(np.asarray(demos.kinds))}
+    return {
+        "demonstrations": discriminate(np.asarray(demonstration_rewards(model, demos)), demos),
+        "whole_episodes": discriminate(np.asarray(demonstration_rewards(model, whole)), whole),
+        "stages": {
+            method: {kind: pipeline.demonstration_stages(model, some, method)["judged"] for kind, some in kinds.items()}
+            for method in pipeline.STAGE_METHODS
+        },
     }
-    return {"discrimination": discrimination(rewards, demos.lengths, demos.success), "stages": judged}
 
 
-def profile_figure(task: ShoesInBox, model: RewardModel, demos: Demonstrations, seed: int, path: Path) -> None:
-    """The reward over time of a new success, pictures above it and events marked, and of successes that judge."""
-    key = pipeline.stage_key(seed, pipeline.RECORDING)
-    states, busy = jax.tree.map(np.asarray, expert.rollouts(task, key, np.zeros(8, np.int32)))
-    solved = np.asarray(jax.vmap(expert.environment.success)(jax.tree.map(lambda leaf: leaf[:, -1], states)))
-    shown = int(np.argmax(solved))
-    length = min(int(busy[shown]) + expert.TAIL_FRAMES, demos.num_frames)
-    boxes, events = (np.asarray(leaf)[shown] for leaf in expert.seen(states))
-    single = replace(
-        demos.select([0]),
-        boxes=boxes[None],
-        mask=np.ones((1, *boxes.shape[:2]), bool),
-        lengths=np.array([length], np.int32),
-        success=np.array([True]),
-        events=None,
-        event_names=(),
-    )
-    rewards = np.asarray(demonstration_rewards(model, single))[0, :length]
-    figure = Figure(figsize=(12, 5.6), dpi=110, layout="constrained")
-    pictures, axes = figure.subplots(2, 1, height_ratios=(1, 2.2))
-    seconds = np.arange(length) / single.frame_rate
-    others = demos.successes()
-    for other, until in list(zip(np.asarray(demonstration_rewards(model, others)), others.lengths, strict=True))[:8]:
-        axes.plot(np.arange(until) / single.frame_rate, other[:until], color="0.8", linewidth=0.8)
-    axes.plot(seconds, rewards, color="tab:green", linewidth=1.8)
-    for name, frame in zip(task.event_names, demonstration_files.reached_for_good(events[None])[0], strict=True):
-        axes.axvline(frame / single.frame_rate, color="tab:orange", linewidth=1, linestyle="--")
-        axes.text(frame / single.frame_rate, 0.02, f" {name.replace('_', ' ')}", rotation=90, fontsize=8, va="bottom",
-                  transform=axes.get_xaxis_transform())  # fmt: skip
-    axes.set(xlabel="time (s)", ylabel="learned reward", xlim=(0, seconds[-1]))
-    axes.spines[["top", "right"]].set_visible(False)
-    pictures.set(xlim=(0, seconds[-1]), ylim=(0, 1))
-    pictures.axis("off")
-    for frame in np.linspace(0, length - 1, PICTURES).astype(int):
-        image = OffsetImage(render.draw_scene(states.qpos[shown, frame], states.box[shown, frame], 150), zoom=0.85)
-        at = (np.clip(seconds[frame], 0.06 * seconds[-1], 0.94 * seconds[-1]), 0.5)
-        pictures.add_artist(AnnotationBbox(image, at, frameon=False))
-    write_atomically(path, FigureCanvasAgg(figure).print_png)
-
-
-def stages_figure(model: RewardModel, demos: Demonstrations, path: Path, shown: int = 6) -> None:
-    """Profiles of successes with boundaries found (lines) and true (triangles)."""
-    some = demos.successes().select(np.arange(shown))
-    rewards = np.asarray(demonstration_rewards(model, some))
-    found = pipeline.demonstration_stages(model, some, "change_points")["stages"]
-    figure = Figure(figsize=(12, 5), dpi=110, layout="constrained")
-    assert some.events is not None
-    for index, axes in enumerate(figure.subplots(2, shown // 2, sharey=True).ravel()):
-        length = some.lengths[index]
-        axes.plot(np.arange(length) / some.frame_rate, rewards[index, :length], color="tab:green")
-        for frame in found[index]["boundaries"]:
-            axes.axvline(frame / some.frame_rate, color="tab:blue", linewidth=1)
-        true = np.array(stages.true_boundaries(some.events[index], length))
-        axes.plot(true / some.frame_rate, np.full(len(true), 0.03), "^", color="tab:orange",
-                  transform=axes.get_xaxis_transform())  # fmt: skip
-        axes.set(xlabel="time (s)")
-        axes.spines[["top", "right"]].set_visible(False)
-    figure.suptitle("Learned reward, boundaries found (blue) and true events (orange)")
-    write_atomically(path, FigureCanvasAgg(figure).print_png)
+def try_expert(task: ShoesInBox, layouts: int) -> tuple[Any, np.ndarray, np.ndarray]:
+    """One attempt at each of so many unseen layouts: states (B, T, ...), frames until done (B,), success (B,)."""
+    key = pipeline.stage_key(LAYOUT_SEED, pipeline.DEMONSTRATIONS)
+    states, busy = jax.tree.map(np.asarray, expert.rollouts(task, key, np.zeros(layouts, np.int32)))
+    last = jax.tree.map(lambda leaf: leaf[:, -1], states)
+    return states, busy, np.asarray(jax.vmap(expert.environment.success)(last))
 
 
 def main() -> None:
-    """Judges, draws, prints and writes."""
+    """Makes, trains, judges, draws, prints and writes."""
     options = tyro.cli(Options, description=__doc__)
     configure()
     where = measured_on("shoes_in_box")
+    sizes = PRESETS[options.preset]
+    out = options.out or Path("runs") / f"shoes_in_box_{options.preset}"
+    results = RESULTS if options.preset == "default" else out
     task = make_task("shoes_in_box")
     assert isinstance(task, ShoesInBox)
-    if not options.demos.exists():
-        key = pipeline.stage_key(options.seed, pipeline.DEMONSTRATIONS)
-        task.demonstrate(key, SUCCESSES, FAILURES).save(options.demos)
-    demos = demonstration_files.load(options.demos)
+    demos = kept_demonstrations(task, out / "demonstrations.npz", TRAINING_SEED, sizes.demonstrations, 0)
+    unseen = kept_demonstrations(task, out / "validation.npz", VALIDATION_SEED, sizes.successes, sizes.failures)
+    states, busy, solved = try_expert(task, sizes.layouts)
     rows = []
-    for number, path in enumerate(options.runs):
-        model = pipeline.load_reward(Run(path), EncoderConfig(), task)
-        rows.append({"run": path.name, "reward": pooling(model), **judge(model, demos)})
-        print(rows[-1]["run"], rows[-1]["reward"], rows[-1]["discrimination"])
-        if number == 0:
-            profile_figure(task, model, demos, options.seed, RESULTS / "shoes_in_box_profile.png")
-            stages_figure(model, demos, RESULTS / "shoes_in_box_stages.png")
-    write_json(RESULTS / "shoes_in_box.json", {"runs": rows, "demonstrations_seed": options.seed, **where})
+    for name in REWARDS:
+        for seed in range(sizes.seeds):
+            model = trained(task, demos, name, seed, sizes.steps, out)
+            rows.append({"reward": name, "seed": seed, "exponent": float(model.exponent), **judge(model, unseen)})
+            print(name, seed, {cut: rows[-1][cut]["rho"] for cut in ("demonstrations", "whole_episodes")})
+            if (name, seed) == ("graph", 0):
+                profile_figure(task, model, unseen, states, busy, solved, results / "shoes_in_box_profile.png")
+                stages_figure(model, unseen, results / "shoes_in_box_stages.png")
+    progress = true_progress(unseen)
+    report = {
+        "expert": {"layouts": len(solved), "solved": int(solved.sum()), "seed": LAYOUT_SEED},
+        "true_progress": {
+            "demonstrations": discriminate(progress, unseen),
+            "whole_episodes": discriminate(progress, whole_episodes(unseen)),
+        },
+        "rewards": rows,
+        "seeds": {"demonstrations": TRAINING_SEED, "validation": VALIDATION_SEED},
+        "sizes": vars(sizes),
+        **where,
+    }
+    write_json(results / "shoes_in_box.json", report)
+    print(f"expert: {solved.sum()} of {len(solved)}; written: {results / 'shoes_in_box.json'}")
 
 
 if __name__ == "__main__":

@@ -121,7 +121,7 @@ def random_reward(task: MatchRegions, key: jax.Array) -> RewardModel:
     """A reward from an untrained encoder of the default size."""
     config = encoder.EncoderConfig()
     params = encoder.init(key, config, task.objects.num_classes)
-    scalars = (jnp.float32(value) for value in (1.0, 0.8, 5.0, 1.0, _TAU))
+    scalars = (jnp.float32(value) for value in (1.0, 0.8, 5.0, 1.0, _TAU, 1.0))
     return RewardModel(params, jnp.zeros(config.embedding), *scalars)
 
 

@@ -18,7 +18,7 @@ import tyro
 
 from graphrl_jax import compilation, demonstrations, pipeline, plots, recording, runs
 from graphrl_jax.encoder import EncoderConfig
-from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
+from graphrl_jax.pretrain import PretrainConfig
 from graphrl_jax.progress import Progress
 from graphrl_jax.runs import Run, RunError
 from graphrl_jax.settings import Settings, default_preset
@@ -115,18 +115,18 @@ class Evaluate:
 
 @dataclass(frozen=True)
 class Stages:
-    """Find the stages of demonstrations where a run's learned reward steps; they need no labels.
+    """Find the stages of demonstrations by a run's encoder; they need no labels.
 
     Attributes:
       run: Folder of a run of `train` or `pretrain`.
       demos: Demonstration file.
-      method: change_points (of the reward) or uvd (of the embedding).
+      method: rests (of the embedding), change_points (of the reward) or uvd (of the embedding).
       out: JSON file to write; stages.json in the run's folder if left out.
     """
 
     run: tyro.conf.Positional[Path]
     demos: Path
-    method: str = "change_points"
+    method: str = pipeline.STAGE_METHODS[0]
     out: Path | None = None
 
 
@@ -220,7 +220,7 @@ def pretrain(request: Pretrain) -> None:
     demos = demonstrations.load(request.demos)
     task = make_task(demos.task)
     config = PretrainConfig(steps=request.steps)
-    hyper = PretrainHyper(alpha=request.alpha, suppress_robot=float(not request.with_robot), rearranged=task.rearranged)
+    hyper = pipeline.pretrain_hyper(task, request.alpha, request.with_robot)
     run = Run.create(request.out, {"command": "pretrain", "task": demos.task, **_plain(asdict(request))})
     with Progress() as progress:
         model, numbers = pipeline.train_encoder(run, demos, config, hyper, request.seed, progress)
@@ -271,7 +271,7 @@ def load_run(run: Run) -> tuple[Task, Settings, Any, Any]:
 
 def _started(request: Train) -> tuple[Run, Settings]:
     """A new run and its settings, validated before anything is written."""
-    hyper = _pretrain_hyper(make_task(request.task), request.alpha, request.reward == "graph_with_robot")
+    hyper = pipeline.pretrain_hyper(make_task(request.task), request.alpha, request.reward == "graph_with_robot")
     settings = Settings(
         task=request.task,
         reward=request.reward,
@@ -285,10 +285,6 @@ def _started(request: Train) -> tuple[Run, Settings]:
         demonstrations.load(settings.demos)
     out = request.out or Path("runs") / f"{settings.task}_{settings.reward}_{settings.seed}"
     return Run.create(out, {"command": "train", "version": runs.VERSION, **asdict(settings)}), settings
-
-
-def _pretrain_hyper(task: Task, alpha: float, with_robot: bool) -> PretrainHyper:
-    return PretrainHyper(alpha=alpha, suppress_robot=float(not with_robot), rearranged=task.rearranged)
 
 
 def _resumed(request: Train) -> tuple[Run, Settings]:

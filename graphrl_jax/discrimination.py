@@ -24,6 +24,7 @@ def discrimination(rewards: np.ndarray, lengths: np.ndarray, success: np.ndarray
       rho: mean cumulative reward of successes over that of failures (Eq. 4).
       rho_per_step: the same of each episode's mean reward.
       auroc: share of (success, failure) pairs in which the success has more cumulative reward, ties half.
+      auroc_per_step: the same of each episode's mean reward.
       final_auroc: the same of the last frame's reward.
       order_success, order_failure: mean rank correlation of reward with time.
       successes, failures: how many there are.
@@ -43,6 +44,7 @@ def discrimination(rewards: np.ndarray, lengths: np.ndarray, success: np.ndarray
         "rho": _ratio(sums, success),
         "rho_per_step": _ratio(means, success),
         "auroc": share_above(sums[success], sums[~success]),
+        "auroc_per_step": share_above(means[success], means[~success]),
         "final_auroc": share_above(last[success], last[~success]),
         "order_success": float(order[success].mean()),
         "order_failure": float(order[~success].mean()),

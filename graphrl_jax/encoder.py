@@ -76,14 +76,21 @@ def _init_message_layer(key: jax.Array, hidden: int) -> dict[str, jax.Array]:
     }
 
 
-def encode_nodes(params: EncoderParams, graph: Graph) -> jax.Array:
+def encode_nodes(params: EncoderParams, graph: Graph, robot_messages: ArrayLike = 1.0) -> jax.Array:
     """Node embeddings z_i after message passing, from boxes and offsets times `INPUT_SCALE`: (N, H) float32.
 
-    Rows of masked slots are finite and mean nothing.
+    Args:
+      params: encoder parameters.
+      graph: one graph.
+      robot_messages: weight of the robot among a node's senders, 0 to 1. At 1 other nodes know of the robot even where
+        the pooling leaves it out; at 0 they do not.
+
+    Returns:
+      z_i; rows of masked slots are finite and mean nothing.
     """
     graph = clear_masked_slots(graph)
     edges = INPUT_SCALE * edge_features(graph.boxes)
-    weights = _sender_weights(graph.mask)
+    weights = _sender_weights(graph, robot_messages)
     features = jnp.concatenate([graph.classes, INPUT_SCALE * (graph.boxes - 0.5)], axis=-1)
     nodes = jax.nn.relu(layers.perceptron(params["input"], features))
     for layer in params["layers"]:
@@ -91,10 +98,10 @@ def encode_nodes(params: EncoderParams, graph: Graph) -> jax.Array:
     return nodes
 
 
-def _sender_weights(mask: jax.Array) -> jax.Array:
+def _sender_weights(graph: Graph, robot_messages: ArrayLike) -> jax.Array:
     """(N, N) weights [receiver, sender] of the mean over all other unmasked nodes; a node alone receives zero."""
-    others = mask[None, :] & ~jnp.eye(mask.shape[0], dtype=bool)
-    senders = others.astype(jnp.float32)
+    others = graph.mask[None, :] & ~jnp.eye(graph.mask.shape[0], dtype=bool)
+    senders = jnp.where(others, jnp.where(graph.robot, robot_messages, 1.0), 0.0)
     return senders / jnp.maximum(jnp.sum(senders, axis=1, keepdims=True), 1.0)
 
 
@@ -149,9 +156,15 @@ def head(params: EncoderParams, pooled: jax.Array) -> jax.Array:
     return layers.perceptron(params["head"], pooled)
 
 
-def encode(params: EncoderParams, graph: Graph, alpha: ArrayLike, suppress_robot: ArrayLike) -> jax.Array:
-    """phi(G), the embedding of one graph: (D,) float32. Arguments as in `pooling_weights`."""
-    return head(params, pool(encode_nodes(params, graph), graph, alpha, suppress_robot))
+def encode(
+    params: EncoderParams,
+    graph: Graph,
+    alpha: ArrayLike,
+    suppress_robot: ArrayLike,
+    robot_messages: ArrayLike = 1.0,
+) -> jax.Array:
+    """phi(G), the embedding of one graph: (D,) float32. Arguments as in `pooling_weights` and `encode_nodes`."""
+    return head(params, pool(encode_nodes(params, graph, robot_messages), graph, alpha, suppress_robot))
 
 
 def encode_sequence(
@@ -163,15 +176,16 @@ def encode_sequence(
     alpha: ArrayLike,
     suppress_robot: ArrayLike,
     tau: ArrayLike,
+    robot_messages: ArrayLike = 1.0,
 ) -> jax.Array:
     """phi of every frame of one padded demonstration, activity included.
 
     Args:
       boxes, mask, length, tau: see `graph.sequence_graphs`.
-      params, alpha, suppress_robot: see `encode`.
+      params, alpha, suppress_robot, robot_messages: see `encode`.
 
     Returns:
       (T, D) float32; rows from `length` on are finite and mean nothing.
     """
     graphs = sequence_graphs(objects, boxes, mask, length, tau)
-    return jax.vmap(encode, in_axes=(None, 0, None, None))(params, graphs, alpha, suppress_robot)
+    return jax.vmap(encode, in_axes=(None, 0, None, None, None))(params, graphs, alpha, suppress_robot, robot_messages)

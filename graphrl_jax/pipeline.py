@@ -6,6 +6,7 @@ Here live the side effects between the pure programs: files, progress, checkpoin
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import jax
@@ -24,7 +25,7 @@ from graphrl_jax.landscape import audit, trajectory_scores
 from graphrl_jax.ppo_config import PPOConfig, PPOHyper
 from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.progress import Progress
-from graphrl_jax.reward import RewardModel, demonstration_rewards, embed_demonstrations, fit_reward
+from graphrl_jax.reward import RewardModel, demonstration_embeddings, demonstration_rewards, fit_reward
 from graphrl_jax.runs import Run, load_tree, save_tree, write_json
 from graphrl_jax.settings import Settings
 from graphrl_jax.task import Task
@@ -33,7 +34,7 @@ from graphrl_jax.wrappers import EnvironmentReward, GraphReward
 # One key per use, folded into the run's seed, so that a stage's randomness does not depend on which stages ran.
 DEMONSTRATIONS, _PRETRAIN, LANDSCAPE, _POLICY, _EVALUATION, RECORDING, _GOAL = range(7)
 
-STAGE_METHODS = ("change_points", "uvd")
+STAGE_METHODS = ("rests", "change_points", "uvd")
 
 
 def stage_key(seed: int, stage: int) -> jax.Array:
@@ -56,6 +57,12 @@ def make_demonstrations(task: Task, settings: Settings) -> Demonstrations:
             f"{settings.demos}: objects are {loaded.objects.names}, but task {task.name} has {task.objects.names}"
         )
     return loaded
+
+
+def pretrain_hyper(task: Task, alpha: float, with_robot: bool) -> PretrainHyper:
+    """The task's floats of pretraining; a robot that is pooled also sends messages."""
+    hyper = replace(task.pretraining, alpha=alpha)
+    return replace(hyper, suppress_robot=0.0, robot_messages=1.0) if with_robot else hyper
 
 
 def train_encoder(
@@ -85,7 +92,8 @@ def train_encoder(
         progress.advance(steps, loss=means["loss"], tcc=means["tcc"])
     seconds = time.perf_counter() - started
     shown = pretrain.shown_frames(hyper, data, stage_key(seed, _GOAL))
-    model = fit_reward(state.params["encoder"], fitted, hyper.alpha, hyper.suppress_robot, hyper.tau, shown, hyper.even)
+    weights = (hyper.alpha, hyper.suppress_robot, hyper.tau)
+    model = fit_reward(state.params["encoder"], fitted, *weights, shown, hyper.even, hyper.robot_messages)
     save_tree(run.path / "encoder.npz", model)
     numbers = encoder_numbers(model, held_out)
     return model, {**numbers, "pretrain_s": seconds}
@@ -93,7 +101,7 @@ def train_encoder(
 
 def encoder_numbers(model: RewardModel, held_out: Demonstrations) -> dict[str, float]:
     """Kendall's tau, three-way cycle consistency (0 with fewer than three) and value-order correlation."""
-    embeddings = embed_demonstrations(model.params, held_out, model.alpha, model.suppress_robot, model.tau)
+    embeddings = demonstration_embeddings(model, held_out)
     rewards = demonstration_rewards(model, held_out)
     lengths = held_out.lengths
     return {
@@ -132,8 +140,8 @@ def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demon
             np.concatenate([held_out.lengths, failed.lengths]),
             np.concatenate([held_out.success, failed.success]),
         )
-    found = demonstration_stages(model, held_out, "change_points")
-    write_json(run.path / "stages.json", {"method": "change_points", **found})
+    found = demonstration_stages(model, held_out, STAGE_METHODS[0])
+    write_json(run.path / "stages.json", {"method": STAGE_METHODS[0], **found})
     return {**numbers, "stages": found.get("judged")}
 
 
@@ -146,14 +154,13 @@ def demonstration_stages(model: RewardModel, demonstrations: Demonstrations, met
     if method not in STAGE_METHODS:
         raise ValueError(f"unknown method {method!r}; known methods: {', '.join(STAGE_METHODS)}")
     lengths = [int(length) for length in demonstrations.lengths]
-    if method == "uvd":
-        embedded = np.asarray(
-            embed_demonstrations(model.params, demonstrations, model.alpha, model.suppress_robot, model.tau)
-        )
-        found = [stages.uvd(embedding[:length]) for embedding, length in zip(embedded, lengths, strict=True)]
+    if method == "change_points":
+        profiles = np.asarray(demonstration_rewards(model, demonstrations))
+        find = stages.change_points
     else:
-        rewards = np.asarray(demonstration_rewards(model, demonstrations))
-        found = [stages.change_points(reward[:length]) for reward, length in zip(rewards, lengths, strict=True)]
+        profiles = np.asarray(demonstration_embeddings(model, demonstrations))
+        find = stages.uvd if method == "uvd" else partial(stages.rests, distance=1 / float(model.kappa))
+    found = [find(profile[:length]) for profile, length in zip(profiles, lengths, strict=True)]
     kinds = demonstrations.kinds
     rows = [
         {
@@ -180,7 +187,7 @@ def load_reward(run: Run, config: EncoderConfig, task: Task) -> RewardModel:
     def template() -> RewardModel:
         zero = jnp.zeros((), jnp.float32)
         params = init_encoder(jax.random.key(0), config, task.objects.num_classes)
-        return RewardModel(params, jnp.zeros(config.embedding, jnp.float32), *[zero] * 5)
+        return RewardModel(params, jnp.zeros(config.embedding, jnp.float32), *[zero] * 6)
 
     return load_tree(run.path / "encoder.npz", jax.eval_shape(template))
 

@@ -74,6 +74,7 @@ class PretrainHyper:
     | alpha                 | weight of active nodes in the pooling (Eq. 1)                  |
     | suppress_robot        | 1: robot's node left out of the pooling, 0: kept               |
     | tau                   | activity threshold per frame, in box diagonals                 |
+    | robot_messages        | weight of the robot among a node's senders, 0 to 1             |
     | temperature           | of the TCC; the square of the embedding's unit, see below      |
     | tcc_weight            | weight of the TCC in the loss                                  |
     | reconstruction_weight | weight of box error plus class cross-entropy in the loss       |
@@ -96,6 +97,7 @@ class PretrainHyper:
     alpha: ArrayLike = 2.0
     suppress_robot: ArrayLike = 1.0
     tau: ArrayLike = 0.02
+    robot_messages: ArrayLike = 1.0
     temperature: ArrayLike = 0.01
     tcc_weight: ArrayLike = 1.0
     reconstruction_weight: ArrayLike = 0.1
@@ -251,7 +253,7 @@ def _loss(
     """Weighted sum of TCC and reconstruction over a batch (b, F), and its parts."""
 
     def embed_and_decode(graph: Graph) -> tuple[jax.Array, jax.Array, jax.Array]:
-        nodes = encoder.encode_nodes(params["encoder"], graph)
+        nodes = encoder.encode_nodes(params["encoder"], graph, hyper.robot_messages)
         pooled = encoder.pool(nodes, graph, hyper.alpha, hyper.suppress_robot)
         boxes, logits = decoder.apply(params["decoder"], nodes, pooled, graph, config.decode_from)
         embedding = encoder.head(params["encoder"], pooled)

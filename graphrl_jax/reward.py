@@ -36,6 +36,7 @@ class RewardModel:
     | alpha          | ()    | float32 | weight of active nodes (Eq. 1)                           |
     | suppress_robot | ()    | float32 | 1: robot's node left out of the pooling, 0: kept         |
     | tau            | ()    | float32 | activity threshold per frame, in box diagonals           |
+    | robot_messages | ()    | float32 | weight of the robot among a node's senders               |
     """
 
     params: EncoderParams
@@ -45,10 +46,11 @@ class RewardModel:
     alpha: jax.Array
     suppress_robot: jax.Array
     tau: jax.Array
+    robot_messages: jax.Array
 
     def embed(self, graph: Graph) -> jax.Array:
         """phi(G) of one graph: (D,)."""
-        return encode(self.params, graph, self.alpha, self.suppress_robot)
+        return encode(self.params, graph, self.alpha, self.suppress_robot, self.robot_messages)
 
     def distance(self, graph: Graph) -> jax.Array:
         """||phi(G) - g||_2 of one graph, a scalar, without kappa."""
@@ -72,6 +74,7 @@ def fit_reward(
     tau: ArrayLike,
     shown: Graph | None = None,
     even: ArrayLike = 0.0,
+    robot_messages: ArrayLike = 1.0,
 ) -> RewardModel:
     """Goal, scale and exponent from successful demonstrations.
 
@@ -87,6 +90,7 @@ def fit_reward(
         default those of `demonstrations`.
       even: 1 fits the exponent so that at the middle frames the reward is half of that at the first ones; 0 leaves it
         at 1, which is Eq. 3. So does an encoder whose middle frames are no nearer to the goal.
+      robot_messages: see `encoder.encode_nodes`.
 
     Raises:
       ValueError: a demonstration is a failure, or the first frames coincide with the goal.
@@ -97,13 +101,13 @@ def fit_reward(
             f"the goal is fitted to successes only, but {failures} of {len(demonstrations)} demonstrations are "
             "failures; pass demonstrations.successes()"
         )
-    embeddings = embed_demonstrations(params, demonstrations, alpha, suppress_robot, tau)
+    embeddings = embed_demonstrations(params, demonstrations, alpha, suppress_robot, tau, robot_messages)
     if shown is None:
         last = demonstrations.lengths - 1
         frames = np.stack([np.zeros_like(last), last // 2, last], axis=1)
         seen = jnp.take_along_axis(embeddings, frames[..., None], axis=1)
     else:
-        seen = _embed_graphs(params, shown, alpha, suppress_robot)
+        seen = _embed_graphs(params, shown, alpha, suppress_robot, robot_messages)
     goal = jnp.mean(seen[:, 2], axis=0)
     start_distance = jnp.mean(safe_norm(embeddings[:, 0] - goal))
     if not start_distance > 0:
@@ -111,8 +115,8 @@ def fit_reward(
             f"the first frames of the demonstrations must differ from the goal, got a mean distance of {start_distance}"
         )
     exponent = 1.0 + even * (_halving_exponent(safe_norm(seen - goal)) - 1.0)
-    scalars = (jnp.asarray(value, jnp.float32) for value in (1 / start_distance, exponent, alpha, suppress_robot, tau))
-    return RewardModel(params, goal, *scalars)
+    scalars = (1 / start_distance, exponent, alpha, suppress_robot, tau, robot_messages)
+    return RewardModel(params, goal, *(jnp.asarray(value, jnp.float32) for value in scalars))
 
 
 def _halving_exponent(distances: jax.Array) -> float:
@@ -129,22 +133,31 @@ def embed_demonstrations(
     alpha: ArrayLike,
     suppress_robot: ArrayLike,
     tau: ArrayLike,
+    robot_messages: ArrayLike = 1.0,
 ) -> jax.Array:
     """phi of every frame: (B, T, D) float32; rows behind a demonstration's length are finite and mean nothing."""
     demos = demonstrations
-    return _embed_batch(demos.objects, params, demos.boxes, demos.mask, demos.lengths, alpha, suppress_robot, tau)
+    weights = (alpha, suppress_robot, tau, robot_messages)
+    return _embed_batch(demos.objects, params, demos.boxes, demos.mask, demos.lengths, *weights)
+
+
+def demonstration_embeddings(model: RewardModel, demonstrations: Demonstrations) -> jax.Array:
+    """phi of every frame as a reward model sees it; see `embed_demonstrations`."""
+    weights = (model.alpha, model.suppress_robot, model.tau, model.robot_messages)
+    return embed_demonstrations(model.params, demonstrations, *weights)
 
 
 def demonstration_rewards(model: RewardModel, demonstrations: Demonstrations) -> jax.Array:
     """Reward of every frame: (B, T) float32; what lies behind a demonstration's length means nothing."""
-    embeddings = embed_demonstrations(model.params, demonstrations, model.alpha, model.suppress_robot, model.tau)
-    return model.value(safe_norm(embeddings - model.goal))
+    return model.value(safe_norm(demonstration_embeddings(model, demonstrations) - model.goal))
 
 
 @jax.jit
-def _embed_graphs(params: EncoderParams, graphs: Graph, alpha: ArrayLike, suppress_robot: ArrayLike) -> jax.Array:
-    over_frames = jax.vmap(encode, in_axes=(None, 0, None, None))
-    return jax.vmap(over_frames, in_axes=(None, 0, None, None))(params, graphs, alpha, suppress_robot)
+def _embed_graphs(
+    params: EncoderParams, graphs: Graph, alpha: ArrayLike, suppress_robot: ArrayLike, robot_messages: ArrayLike
+) -> jax.Array:
+    axes = (None, 0, None, None, None)
+    return jax.vmap(jax.vmap(encode, axes), axes)(params, graphs, alpha, suppress_robot, robot_messages)
 
 
 @partial(jax.jit, static_argnames="objects")
@@ -157,6 +170,7 @@ def _embed_batch(
     alpha: ArrayLike,
     suppress_robot: ArrayLike,
     tau: ArrayLike,
+    robot_messages: ArrayLike,
 ) -> jax.Array:
-    batched = jax.vmap(encode_sequence, in_axes=(None, None, 0, 0, 0, None, None, None))
-    return batched(params, objects, boxes, mask, lengths, alpha, suppress_robot, tau)
+    batched = jax.vmap(encode_sequence, in_axes=(None, None, 0, 0, 0, None, None, None, None))
+    return batched(params, objects, boxes, mask, lengths, alpha, suppress_robot, tau, robot_messages)

@@ -1,4 +1,8 @@
-"""Stages of a long task, found where the learned reward steps: change points, UVD's rule, and how to judge both.
+"""Stages of a long task, found in what an encoder makes of it, and how to judge them.
+
+With the robot left out, an embedding rests while the robot is on its way to the next object and moves while it moves
+one. A stage ends where the embedding comes to rest (`rests`). Beside it stand two general rules: change points of the
+reward (`change_points`) and UVD's rule (`uvd`).
 
 A boundary is the first frame of a new stage. Frame 0 and the end of the episode are no boundaries.
 """
@@ -15,10 +19,41 @@ TOLERANCES = (0.01, 0.02, 0.05)
 """Shares of an episode by which a boundary may be off."""
 # Stages last at least this share of an episode.
 SHORTEST = 0.04
+# A rest lasts at least this share of an episode, and moves at most by this share of the way from start to goal.
+REST, STILL = 0.06, 0.01
+# Or by as many deviations of the embedding's noise, should there be any.
+_NOISE = 4.0
 # Cost of a further boundary, in variances of the profile's noise times the logarithm of the length.
 PENALTY = 40.0
 # UVD's smoothing, a share of the episode.
 _SMOOTHING = 0.01
+
+
+def rests(embeddings: np.ndarray, distance: float, shortest: float = REST, still: float = STILL) -> list[int]:
+    """Where the embedding comes to rest: the first frame of every rest but one at the beginning.
+
+    A rest is a longest stretch of windows of `shortest` within which no embedding is further from the first than
+    `still`. Neither rule nor numbers know of a task; the latter were set on training demonstrations of Shoes in Box.
+
+    Args:
+      embeddings: (T, D).
+      distance: between the embeddings of start and goal, the unit of `still`; 1 / kappa of a reward.
+      shortest: share of the episode.
+      still: share of the distance.
+    """
+    frames = len(embeddings)
+    window = max(2, round(shortest * frames))
+    if frames < 2 * window:
+        return []
+    scaled = np.asarray(embeddings, float) / distance
+    # Most steps of an episode that rests are noise; a robust scale of steps is the root of two times that of frames.
+    noise = np.median(np.linalg.norm(np.diff(scaled, axis=0), axis=1)) / np.sqrt(2)
+    windows = np.lib.stride_tricks.sliding_window_view(scaled, window, axis=0)
+    spread = np.linalg.norm(windows - windows[..., :1], axis=1).max(1)
+    resting = np.zeros(frames, bool)
+    for frame in np.flatnonzero(spread <= max(still, _NOISE * noise)):
+        resting[frame : frame + window] = True
+    return [int(frame) for frame in np.flatnonzero(resting[1:] & ~resting[:-1]) + 1]
 
 
 def change_points(profile: np.ndarray, penalty: float = PENALTY, shortest: float = SHORTEST) -> list[int]:

@@ -11,6 +11,7 @@ from brax.envs.base import Env, State
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.landscape import Landscape
+from graphrl_jax.pretrain import PretrainHyper
 
 ENTRY_POINT_GROUP = "graphrl_jax.tasks"
 
@@ -29,8 +30,7 @@ class Task(Env):
       event_names: (E,) names of the true stage events.
       episode_length: control steps per episode.
       frame_rate: control steps per second.
-      rearranged: share of demonstrations that pretraining sees rearranged (`augment.py`); 0 where objects do not move
-        freely, such as a lid on its hinge.
+      pretraining: floats that suit the task's demonstrations, such as `rearranged` 0 where objects do not move freely.
     """
 
     name: str
@@ -38,7 +38,7 @@ class Task(Env):
     event_names: tuple[str, ...]
     episode_length: int
     frame_rate: float
-    rearranged: float = 1.0
+    pretraining: PretrainHyper = PretrainHyper()
 
     @property
     def backend(self) -> str:

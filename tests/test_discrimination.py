@@ -14,7 +14,7 @@ def test_by_hand():
     found = discrimination(REWARDS, LENGTHS, SUCCESS)
     assert found["rho"] == pytest.approx((-1.5 - 1.0) / 2 / -4.0)
     assert found["rho_per_step"] == pytest.approx((-0.5 - 0.5) / 2 / -1.0)
-    assert found["auroc"] == 1.0 and found["final_auroc"] == 1.0
+    assert found["auroc"] == found["auroc_per_step"] == 1.0 and found["final_auroc"] == 1.0
     assert found["order_success"] == pytest.approx(1.0) and found["order_failure"] == 0.0
     assert (found["successes"], found["failures"]) == (2, 1)
 

@@ -90,6 +90,13 @@ def test_alpha_one_is_the_plain_mean_over_non_robot_nodes():
     close(POOL(nodes, graph, 1.0, 0.0), np.mean(nodes[graph.mask], axis=0))
 
 
+def test_a_robot_without_messages_is_as_good_as_absent():
+    graph = random_graph(0)  # slot 0 is the robot
+    absent = replace(graph, mask=graph.mask & ~graph.robot)
+    close(ENCODE(PARAMS, graph, 2.0, 1.0, 0.0), ENCODE(PARAMS, absent, 2.0, 1.0, 1.0))
+    assert not np.allclose(ENCODE(PARAMS, graph, 2.0, 1.0, 1.0), ENCODE(PARAMS, absent, 2.0, 1.0, 1.0), atol=1e-4)
+
+
 @settings(max_examples=10, deadline=None)
 @given(st.permutations(range(5)), st.integers(0, 2**16))
 def test_order_of_nodes_does_not_matter(order, seed):

@@ -81,7 +81,9 @@ def test_chunks_equal_one_run(trained):
     for _ in range(3):
         state, history = pretrain.run(CONFIG, HYPER, DATA, state, 20)
         losses.extend(np.asarray(history["loss"]))
-    np.testing.assert_allclose(losses, trained[1]["loss"], rtol=1e-4)
+    # Two programs round differently, and training amplifies it.
+    np.testing.assert_allclose(losses[:5], trained[1]["loss"][:5], rtol=1e-4)
+    np.testing.assert_allclose(losses, trained[1]["loss"], rtol=2e-3)
     assert int(state.optimizer.step) == 60
 
 

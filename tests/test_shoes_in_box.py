@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from graphrl_jax.task import make_task
+from tasks.detection import Detector
 from tasks.shoes_in_box import env, expert, geometry, kinematics, layouts, model, render
 
 TASK = env.ShoesInBox()
@@ -108,8 +109,48 @@ def test_the_expert_succeeds_and_failures_fail(rollouts):
     states, busy, kinds = rollouts
     assert np.isfinite(states.qpos).all()
     solved = np.asarray(jax.vmap(env.success)(last(states)))
-    assert solved[kinds == 0].any() and not solved[kinds > 0].any()
+    assert solved[kinds == 0].all() and not solved[kinds > 0].any()
     assert np.all(busy > TASK.episode_length / 2)
+
+
+def test_plans_of_failures_differ_in_what_goes_wrong_and_whether_it_is_tried_again():
+    draw = jax.vmap(expert.draw_plan, in_axes=(0, None))
+    for kind, name in enumerate(("success", *expert.FAILURES)):
+        plans = draw(jax.random.split(jax.random.key(kind), 200), kind)
+        found = {tuple(wrong) for wrong in np.asarray(plans.wrong).tolist()}
+        lid, first, second, both = (True, False, False), (False, True, False), (False, False, True), (False, True, True)
+        shoes = {first, second} if name == "one_shoe" else {first, second, both}
+        assert found == ({(False,) * 3} if name == "success" else {lid} if name.startswith("lid") else shoes), name
+        assert (0.3 < np.mean(plans.persists) < 0.7) != (name == "one_shoe"), name
+
+
+def test_demonstrations_and_failures_have_the_same_lengths(monkeypatch, rollouts):
+    states, busy, kinds = rollouts
+    plenty = np.resize(np.arange(len(kinds)), 64)
+    many = jax.tree.map(lambda leaf: leaf[plenty], states)
+    done = busy[plenty] + np.arange(64) % 7
+
+    def solved_before(task, key, wanted):
+        order = np.array([np.flatnonzero(kinds[plenty] == kind)[i % 8] for i, kind in enumerate(wanted)])
+        return jax.tree.map(lambda leaf: leaf[order], many), done[order]
+
+    monkeypatch.setattr(expert, "rollouts", solved_before)
+    demos = TASK.demonstrate(jax.random.key(0), 30, 30)
+    assert demos.success.sum() == 30 and set(demos.kinds[30:]) == set(expert.FAILURES)
+    assert set(demos.lengths[30:]) <= set(demos.lengths[:30]) and demos.lengths.min() > TASK.episode_length / 2
+    assert abs(demos.lengths[30:].mean() - demos.lengths[:30].mean()) < 10
+    assert (demos.events[demos.success] > 0).all()
+
+
+def test_a_poor_detector_hides_what_stands_behind_the_open_lid(rollouts):
+    states, _, kinds = rollouts
+    done = jax.tree.map(lambda leaf: leaf[0, -1], states)
+    perfect, mask = TASK.look(done)
+    assert np.all(mask)
+    boxes, mask = env.ShoesInBox(detector=Detector(jitter=0.01, visible=0.9)).look(done)
+    assert mask[2] and not mask[1] and not np.allclose(boxes, perfect)
+    again, _ = env.ShoesInBox(detector=Detector(jitter=0.01)).look(done._replace(frame=done.frame + 1))
+    assert not np.allclose(boxes, again)
 
 
 def test_failures_fail_by_what_they_are_named_for(rollouts):
@@ -133,7 +174,7 @@ def test_a_carried_shoe_is_touched_and_its_events_come_in_order(rollouts):
     assert lifted.any(0).all() and (single.touched[lifted]).mean() > 0.95
     events = np.asarray(jax.vmap(env.events)(single))
     first = events.argmax(0)
-    assert first[0] < min(first[1], first[3]) and first[1] < first[2] and first[3] < first[4]
+    assert events[-1].all() and 0 < first[0] < first[1:].min() and not single.touched[first[1:], [0, 1]].any()
     assert np.asarray(jax.vmap(env.score)(single))[-1] == pytest.approx(1.0)
 
 

@@ -14,6 +14,27 @@ def steps(boundaries: list[int], length: int, noise: float, seed: int = 0) -> np
     return (frames >= np.array(boundaries)).sum(1) + np.random.default_rng(seed).normal(0, noise, length)
 
 
+def way_with_rests(moves: list[tuple[int, int]], length: int, noise: float) -> np.ndarray:
+    """A path in the plane that goes on by one, along a new direction, between the frames of every move."""
+    frames = np.arange(length)[:, None]
+    done = np.clip((frames - np.array([a for a, _ in moves])) / np.array([b - a for a, b in moves]), 0, 1)
+    directions = np.array([[np.cos(i), np.sin(i)] for i in range(len(moves))])
+    return done @ directions + np.random.default_rng(0).normal(0, noise, (length, 2))
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.002, 0.01])
+def test_rests_begin_where_moves_end(noise):
+    found = stages.rests(way_with_rests([(40, 80), (140, 190), (230, 270)], 320, noise), 3.0)
+    assert len(found) == 3
+    np.testing.assert_allclose(found, [80, 190, 270], atol=4)
+
+
+def test_what_always_or_never_rests_has_no_stages():
+    assert stages.rests(np.zeros((100, 2)), 1.0) == []
+    assert stages.rests(way_with_rests([(0, 100)], 100, 0.0), 1.0) == []
+    assert stages.rests(np.zeros((3, 2)), 1.0) == []
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.02, 0.1])
 def test_change_points_are_where_a_profile_steps(noise):
     found = stages.change_points(steps([60, 150, 240], 300, noise))

@@ -1,6 +1,6 @@
 """Shoes in Box as a Brax environment on MJX: open the box by the bar of its lid, put both shoes in, let go.
 
-Action (5,) in [-1, 1]: velocity of the gripper along x, y, z (0.25 m/s), its turn about the vertical (1.5 rad/s), and
+Action (5,) in [-1, 1]: velocity of the gripper along x, y, z (0.4 m/s), its turn about the vertical (2 rad/s), and
 the opening of the fingers (closed at -1, 8 cm at 1). The gripper points down; a step of differential inverse kinematics
 turns its pose into joint targets, 20 times a second.
 
@@ -31,19 +31,20 @@ from mujoco import mjx
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.landscape import Landscape
+from graphrl_jax.pretrain import PretrainHyper
 from graphrl_jax.task import Task
+from tasks.detection import Detector
 from tasks.shoes_in_box import geometry, kinematics
 from tasks.shoes_in_box.layouts import Layout
 from tasks.shoes_in_box.model import CONTROL_DT, FINGER_OPEN, LID_OPEN, SHOE_NAMES, Physics, build_model
 
-SPEED, TURN_RATE = 0.25, 1.5
+SPEED, TURN_RATE = 0.4, 2.0
 # Where the gripper may be sent, and how far ahead of the arm: metres.
-WORKSPACE = np.array([[0.15, -0.5, 0.03], [0.75, 0.5, 0.6]], np.float32)
+WORKSPACE = np.array([[0.15, -0.5, 0.03], [0.72, 0.5, 0.45]], np.float32)
 LEAD = 0.04
 # Fingers told to close push on beyond each other; what they hold stops them.
 CLOSED = -0.02
-LID_COUNTS_AS_OPEN = 1.7
-TAKEN = 0.05
+LID_COUNTS_AS_OPEN = 1.85
 OBJECTS = ObjectTable(
     names=("gripper", "box", "lid", *SHOE_NAMES),
     class_ids=(0, 1, 2, 3, 3),
@@ -64,8 +65,8 @@ class PhysicsState(NamedTuple):
     | target    | (4,)   | float32 | where the gripper is sent: x, y, z, yaw                                |
     | arm       | (7,)   | float32 | joints that are there                                                  |
     | box       | (3,)   | float32 | x, y, yaw of the box                                                   |
-    | starts    | (2, 2) | float32 | where the shoes lay at first                                           |
     | touched   | (2,)   | bool    | a pad touches the shoe                                                 |
+    | frame     | ()     | uint32  | seed of what the detector draws in this frame, one more in every frame |
     """
 
     qpos: jax.Array
@@ -74,8 +75,8 @@ class PhysicsState(NamedTuple):
     target: jax.Array
     arm: jax.Array
     box: jax.Array
-    starts: jax.Array
     touched: jax.Array
+    frame: jax.Array
 
 
 class ShoesInBox(Task):
@@ -84,20 +85,22 @@ class ShoesInBox(Task):
     Args:
       layout: where episodes start.
       physics: constants.
+      detector: how boxes are seen; perfectly by default.
     """
 
     name = "shoes_in_box"
     objects = OBJECTS
-    event_names = ("lid_open", "shoe_1_taken", "shoe_1_inside", "shoe_2_taken", "shoe_2_inside")
+    event_names = ("lid_open", "shoe_1_placed", "shoe_2_placed")
     episode_length = 480
     frame_rate = 1 / CONTROL_DT
-    rearranged = 0.0
+    pretraining = PretrainHyper(rearranged=0.0, robot_messages=0.0)
     action_size = 5
     observation_size = 46
 
-    def __init__(self, layout: Layout | None = None, physics: Physics | None = None):
+    def __init__(self, layout: Layout | None = None, physics: Physics | None = None, detector: Detector | None = None):
         self.layout = layout or Layout()
         self.physics = physics or Physics()
+        self.detector = detector or Detector()
         self.mj_model = build_model(self.physics)
         self._model = mjx.put_model(self.mj_model)
         self._template = mjx.make_data(self.mj_model)
@@ -109,11 +112,12 @@ class ShoesInBox(Task):
         return np.array([mujoco.mj_name2id(self.mj_model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in names])
 
     def reset(self, rng: jax.Array) -> State:
-        qpos, box = self.layout.sample(rng)
+        layout_key, frame_key = jax.random.split(rng)
+        qpos, box = self.layout.sample(layout_key)
         still = jnp.zeros(self.mj_model.nv)
         arm = qpos[:7]
-        starts = shoes(qpos)[:, :2]
-        physics = PhysicsState(qpos, still, still, kinematics.pose(arm), arm, box, starts, jnp.zeros(2, bool))
+        frame = jax.random.bits(frame_key, dtype=jnp.uint32)
+        physics = PhysicsState(qpos, still, still, kinematics.pose(arm), arm, box, jnp.zeros(2, bool), frame)
         zero = jnp.zeros((), jnp.float32)
         return State(physics, observe(physics), zero, zero, {"success": zero, "score": zero}, {})
 
@@ -151,7 +155,7 @@ class ShoesInBox(Task):
 
         carry = (state.qpos, state.qvel, state.warmstart, state.touched)
         (qpos, qvel, warmstart, touched), _ = jax.lax.scan(substep, carry, None, length=self.physics.substeps)
-        return PhysicsState(qpos, qvel, warmstart, target, arm, state.box, state.starts, touched)
+        return PhysicsState(qpos, qvel, warmstart, target, arm, state.box, touched, state.frame + 1)
 
     def _touched(self, data: mjx.Data) -> jax.Array:
         """Which shoes a pad touches: (2,) bool."""
@@ -160,8 +164,12 @@ class ShoesInBox(Task):
         return jnp.stack([jnp.any(pad & (contact.geom == upper).any(axis=1)) for upper in self._uppers])
 
     def boxes(self, state: State) -> tuple[jax.Array, jax.Array]:
-        physics = state.pipeline_state
-        return geometry.boxes(physics.qpos, physics.box), jnp.ones(OBJECTS.num_slots, bool)
+        return self.look(state.pipeline_state)
+
+    def look(self, physics: PhysicsState) -> tuple[jax.Array, jax.Array]:
+        """Boxes (N, 4) and mask (N,) of a physics state, as the detector sees it."""
+        boxes, depths = geometry.boxes(physics.qpos, physics.box), geometry.depths(physics.qpos, physics.box)
+        return self.detector.see(jax.random.key(physics.frame), boxes, depths, ~OBJECTS.fixture_flags())
 
     def events(self, state: State) -> jax.Array:
         return events(state.pipeline_state)
@@ -193,7 +201,7 @@ def shoes(qpos: jax.Array) -> jax.Array:
 
 
 def lid_is_open(state: PhysicsState) -> jax.Array:
-    """Whether the lid stays up by itself: () bool."""
+    """Whether the lid leans open, near its stop: () bool."""
     return state.qpos[9] > LID_COUNTS_AS_OPEN
 
 
@@ -213,10 +221,8 @@ def score(state: PhysicsState) -> jax.Array:
 
 
 def events(state: PhysicsState) -> jax.Array:
-    """Whether each of `ShoesInBox.event_names` counts as reached: (5,) bool."""
-    inside = shoes_inside(state)
-    taken = (jnp.linalg.norm(shoes(state.qpos)[:, :2] - state.starts, axis=-1) > TAKEN) | inside
-    return jnp.stack([lid_is_open(state), taken[0], inside[0], taken[1], inside[1]])
+    """Whether each of `ShoesInBox.event_names` counts as reached, a shoe once it is let go: (3,) bool."""
+    return jnp.append(lid_is_open(state), shoes_inside(state) & ~state.touched)
 
 
 def environment_reward(state: PhysicsState) -> jax.Array:

@@ -1,8 +1,9 @@
 """The scripted expert: opens the lid along its arc, then fetches one shoe after the other, all episodes side by side.
 
 It runs through phases of three jobs: the lid, the first shoe, the second. A phase names a pose for the gripper, how far
-its fingers open, and when it is over. Failures differ from successes by what goes wrong in one phase; all go through
-the same motions afterwards, so that length tells nothing.
+its fingers open, and when it is over. Failures differ from successes by what goes wrong in a job: in the lid's, or in
+that of the first shoe, the second or both. Afterwards they go on as if nothing had happened, or persist: do the same
+job again, and wrong again. They last as long as successes do, so that length tells nothing.
 """
 
 import math
@@ -22,6 +23,8 @@ from tasks.shoes_in_box.model import FINGER_OPEN, LID_OPEN, WALL_HEIGHT
 
 LID_PHASES = ("above_bar", "at_bar", "grip", "arc", "let_go", "off")
 SHOE_PHASES = ("above_shoe", "at_shoe", "grip", "lift", "over_box", "lower", "let_go", "off")
+_JOB_ENDS = jnp.cumsum(jnp.array([len(LID_PHASES), len(SHOE_PHASES), len(SHOE_PHASES)]))
+_JOB_STARTS = jnp.append(0, _JOB_ENDS[:-1])
 NUM_PHASES = len(LID_PHASES) + 2 * len(SHOE_PHASES)
 SAFE_HEIGHT = 0.19
 GRASP_HEIGHT = 0.04
@@ -32,33 +35,38 @@ ARC_LEAD = 0.12
 BAR_OPENING = 0.02
 MISSED_BY = 0.05
 """Metres above the bar or a shoe at which the fingers of a failure close."""
-# Radians per step of a lid that is missed.
-_SWING = 0.045
+# Share of full speed along the lid's arc, and radians per step of a lid that is missed.
+_ARC_SPEED, _SWING = 0.6, 0.045
 _MIDDLE_YAW = jnp.pi / 4
-TAIL_FRAMES = 8
+TAIL_FRAMES = (10, 40)
+"""How many frames, drawn evenly, an episode goes on after the last motion."""
 BATCH, MAX_BATCHES = 64, 8
 FAILURES = ("lid_missed", "lid_falls_shut", "shoe_missed", "shoe_dropped", "shoe_beside", "one_shoe")
 """Kinds of deliberate failure: the fingers close above the bar; the lid is let go before it stands up; the fingers
-close above the second shoe; the second shoe is dropped on its way; it is put down beside the box; it is left alone, the
-gripper going through the air high above it."""
+close above a shoe; a shoe is dropped on its way; it is put down beside the box; one shoe is left alone, the gripper
+going through the air high above it."""
 _KIND = {kind: 1 + index for index, kind in enumerate(FAILURES)}
 
 
 class Plan(NamedTuple):
     """How one episode is carried out.
 
-    | field  | shape  | meaning                                                          |
-    |--------|--------|------------------------------------------------------------------|
-    | kind   | ()     | int32, 0 for a success, k for `FAILURES[k - 1]`                  |
-    | first  | ()     | int32, the shoe that is fetched first                            |
-    | slots  | (2,)   | where each shoe goes: metres along the hinge from the middle     |
-    | speed  | ()     | share of full speed                                              |
-    | height | ()     | metres above the usual, between places                           |
-    | dwell  | (P,)   | int32, idle steps after each phase                               |
-    | slip   | (2,)   | shares that say where the lid is let go and a shoe dropped       |
+    | field    | shape  | meaning                                                          |
+    |----------|--------|------------------------------------------------------------------|
+    | kind     | ()     | int32, 0 for a success, k for `FAILURES[k - 1]`                  |
+    | wrong    | (3,)   | bool, whether the job of the lid, first and second shoe fails    |
+    | persists | ()     | bool, whether a job that failed is done again and again          |
+    | first    | ()     | int32, the shoe that is fetched first                            |
+    | slots    | (2,)   | where each shoe goes: metres along the hinge from the middle     |
+    | speed    | ()     | share of full speed                                              |
+    | height   | ()     | metres above the usual, between places                           |
+    | dwell    | (P,)   | int32, idle steps after each phase                               |
+    | slip     | (2,)   | shares that say where the lid is let go and a shoe dropped       |
     """
 
     kind: jax.Array
+    wrong: jax.Array
+    persists: jax.Array
     first: jax.Array
     slots: jax.Array
     speed: jax.Array
@@ -77,10 +85,17 @@ class Progress(NamedTuple):
 
 def draw_plan(key: jax.Array, kind: jax.Array) -> Plan:
     """A random plan of one kind."""
-    order_key, cross_key, speed_key, height_key, dwell_key, slip_key = jax.random.split(key, 6)
+    order_key, cross_key, speed_key, height_key, dwell_key, slip_key, wrong_key, persist_key = jax.random.split(key, 8)
     side = jnp.array([SLOT, -SLOT])
+    # Of two shoes one may be left alone, the first or the second; everything else may go wrong with both.
+    leaves_one = kind == _KIND["one_shoe"]
+    which = jax.random.randint(wrong_key, (), 0, jnp.where(leaves_one, 2, 3))
+    lid = (kind == _KIND["lid_missed"]) | (kind == _KIND["lid_falls_shut"])
+    shoe = (kind > 0) & ~lid
     return Plan(
         kind=kind,
+        wrong=jnp.stack([lid, shoe & (which != 1), shoe & (which != 0)]),
+        persists=jax.random.bernoulli(persist_key) & ~leaves_one,
         first=jax.random.bernoulli(order_key).astype(jnp.int32),
         slots=jnp.where(jax.random.bernoulli(cross_key, 0.2), -side, side),
         speed=jax.random.uniform(speed_key, minval=0.8, maxval=1.0),
@@ -105,7 +120,8 @@ def act(plan: Plan, progress: Progress, state: environment.PhysicsState) -> tupl
     offset = pose - state.target
     reach = jnp.linalg.norm(offset[:3])
     pace = environment.CONTROL_DT * environment.SPEED
-    linear = offset[:3] * jnp.minimum(1 / pace, plan.speed / jnp.maximum(reach, 1e-6))
+    speed = plan.speed * jnp.where(phase == LID_PHASES.index("arc"), _ARC_SPEED, 1.0)
+    linear = offset[:3] * jnp.minimum(1 / pace, speed / jnp.maximum(reach, 1e-6))
     turn = offset[3] / (environment.CONTROL_DT * environment.TURN_RATE)
     grip = 2 * (opening - environment.CLOSED) / (FINGER_OPEN - environment.CLOSED) - 1
     motion = jnp.where(waiting, 0.0, jnp.append(linear, jnp.clip(turn, -plan.speed, plan.speed)))
@@ -115,7 +131,10 @@ def act(plan: Plan, progress: Progress, state: environment.PhysicsState) -> tupl
     dwelt = jnp.where(finished | (progress.dwelt > 0), progress.dwelt + 1, 0)
     advance = dwelt > plan.dwell[phase]
     timer = jnp.where(advance, 0, progress.timer + 1)
-    return Progress(progress.phase + advance, timer, jnp.where(advance, 0, dwelt)), action
+    job = jnp.searchsorted(_JOB_STARTS, phase, side="right") - 1
+    again = plan.persists & plan.wrong[job] & (phase + 1 == _JOB_ENDS[job])
+    following = jnp.where(again, _JOB_STARTS[job], progress.phase + 1)
+    return Progress(jnp.where(advance, following, progress.phase), timer, jnp.where(advance, 0, dwelt)), action
 
 
 def _phases(plan: Plan, progress: Progress, state: environment.PhysicsState) -> tuple[jax.Array, jax.Array, jax.Array]:
@@ -166,7 +185,7 @@ def _lid_phases(plan: Plan, progress: Progress, state: environment.PhysicsState)
             timer >= 6,
             (swung > let_go_at) | (timer > 120),
             timer >= 5,
-            timer >= 10,
+            timer >= 6,
         ]
     )
     return poses, openings, over
@@ -178,7 +197,7 @@ def _shoe_phases(plan: Plan, progress: Progress, state: environment.PhysicsState
     shoe = environment.shoes(state.qpos)[number]
 
     def fails(kind: str) -> jax.Array:
-        return last & (plan.kind == _KIND[kind])
+        return plan.wrong[2 if last else 1] & (plan.kind == _KIND[kind])
 
     high = SAFE_HEIGHT + plan.height
     down = GRASP_HEIGHT + jnp.where(fails("shoe_missed"), MISSED_BY, 0.0) + jnp.where(fails("one_shoe"), 0.1, 0.0)
@@ -243,19 +262,23 @@ def demonstrate(task: environment.ShoesInBox, key: jax.Array, successes: int, fa
     def run(key: jax.Array, kinds: np.ndarray) -> tuple[Any, np.ndarray]:
         states, busy = jax.tree.map(np.asarray, rollouts(task, key, jnp.asarray(kinds)))
         last = jax.tree.map(lambda leaf: leaf[:, -1], states)
-        return (*jax.tree.map(np.asarray, seen(states)), busy), np.asarray(jax.vmap(environment.success)(last))
+        return (*jax.tree.map(np.asarray, seen(task, states)), busy), np.asarray(jax.vmap(environment.success)(last))
 
     # A few episodes do not need a whole batch.
     batch = min(BATCH, 8 * math.ceil((successes + failures) / 8))
-    (boxes, events, busy), kinds = collect(run, collect_key, successes, failures, len(FAILURES), batch, MAX_BATCHES)
+    (boxes, mask, events, busy), kinds = collect(
+        run, collect_key, successes, failures, len(FAILURES), batch, MAX_BATCHES
+    )
     # A failure's motions are over when they are over; it ends when some success does.
-    lengths = np.minimum(busy + TAIL_FRAMES, boxes.shape[1])
-    drawn = np.asarray(jax.random.choice(length_key, lengths[kinds == 0], kinds.shape)) if successes else lengths
+    tail_key, draw_key = jax.random.split(length_key)
+    tails = np.asarray(jax.random.randint(tail_key, busy.shape, *TAIL_FRAMES))
+    lengths = np.minimum(busy + tails, boxes.shape[1])
+    drawn = np.asarray(jax.random.choice(draw_key, lengths[kinds == 0], kinds.shape)) if successes else lengths
     lengths = np.where(kinds == 0, lengths, drawn).astype(np.int32)
     frames = reached_for_good(events)
     return Demonstrations(
         boxes=boxes,
-        mask=np.ones(boxes.shape[:3], bool),
+        mask=mask,
         lengths=lengths,
         success=kinds == 0,
         objects=task.objects,
@@ -268,11 +291,7 @@ def demonstrate(task: environment.ShoesInBox, key: jax.Array, successes: int, fa
     )
 
 
-@jax.jit
-def seen(states: environment.PhysicsState) -> tuple[jax.Array, jax.Array]:
-    """Boxes (B, T, N, 4) and events (B, T, E) of physics states (B, T, ...)."""
-
-    def look(state: environment.PhysicsState) -> tuple[jax.Array, jax.Array]:
-        return geometry.boxes(state.qpos, state.box), environment.events(state)
-
-    return jax.vmap(jax.vmap(look))(states)
+@partial(jax.jit, static_argnums=0)
+def seen(task: environment.ShoesInBox, states: environment.PhysicsState) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Boxes (B, T, N, 4), mask (B, T, N) and events (B, T, E) of physics states (B, T, ...)."""
+    return jax.vmap(jax.vmap(lambda state: (*task.look(state), environment.events(state))))(states)

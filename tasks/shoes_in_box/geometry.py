@@ -1,7 +1,7 @@
 """Where things are in the world, and the boxes that the camera sees of them: exact silhouettes of all primitives.
 
 A box projects to the hull of its corners, a capsule to the hull of its end spheres, and a sphere to an ellipse whose
-extent has a closed form. Objects are seen whole: what stands in front of them is ignored.
+extent has a closed form. Objects are seen whole; what stands in front of them is the detector's affair.
 """
 
 import math
@@ -95,6 +95,21 @@ def boxes(qpos: jax.Array, box: jax.Array) -> jax.Array:
             *shoes,
         ]
     )
+
+
+def depths(qpos: jax.Array, box: jax.Array) -> jax.Array:
+    """Distances (5,) of the middles of gripper, box, lid and shoes from the camera, along its view."""
+    lid, carrier = lid_pose(box, qpos[9]), box_pose(box)
+    middles = jnp.stack(
+        [
+            kinematics.pose(qpos[:7])[:3],
+            carrier.place(jnp.array([0.0, 0.0, model.WALL_HEIGHT / 2])),
+            lid.place(jnp.array([-model.INNER[0], 0.0, 0.0])),
+            qpos[10:13],
+            qpos[17:20],
+        ]
+    )
+    return -((middles - jnp.array(model.CAMERA)) @ jnp.array(model.camera_axes()[2]))
 
 
 def _seen_gripper(hand: Pose, openings: jax.Array) -> jax.Array:

@@ -112,7 +112,9 @@ def encoder_row(task: Task, name: str, seed: int, unseen: Demonstrations) -> dic
     with Progress() as progress:
         model, numbers = pipeline.train_encoder(run, demos, config, hyper, seed, progress)
     fitted = demos.successes().split(0.75, seed)[0]
-    bare = fit_reward(model.params, fitted, model.alpha, model.suppress_robot, model.tau, even=hyper.even)
+    bare = fit_reward(
+        model.params, fitted, model.alpha, model.suppress_robot, model.tau, None, hyper.even, model.robot_messages
+    )
     if f"{name}_{seed}" in PICTURED:
         scenes = task.landscape(pipeline.stage_key(UNSEEN_SEED, pipeline.LANDSCAPE))
         plots.landscape(audit(model, scenes), FOLDER / f"landscape_{name}.png")
