@@ -4,12 +4,13 @@ No number in those tables is typed by hand; a test fails if the README and the r
 """
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
-BEGIN, END = "<!-- results: written by a script from result files -->\n", "<!-- end of results -->"
+END = "<!-- end of results -->"
 METHODS = {
     "env": "environmental reward, with the reach term",
     "graph": "graph reward, w/o robot",
@@ -63,6 +64,85 @@ def audit_table() -> str:
     return "\n".join(rows)
 
 
+SHOE_REWARDS = {
+    "true_progress": "share of stages truly left",
+    "graph": "graph reward, w/o robot",
+    "graph_with_robot": "graph reward, w/ robot",
+    "graph_robot_heard": "graph reward, robot left out of the pooling alone",
+}
+STAGE_METHODS = {"rests": "rests", "change_points": "change points", "uvd": "UVD"}
+
+
+def discrimination_table() -> str:
+    """Rho and its companions on Shoes in Box, on demonstrations and on whole episodes, means over seeds."""
+    result = _result("shoes_in_box")
+    if result is None:
+        return ""
+    head = "| reward | rho | the same of whole episodes | AUROC | the same of whole episodes"
+    rows = [f"{head} | rank correlation with time: successes | failures | seeds |", "|---" * 8 + "|"]
+    for name, label in SHOE_REWARDS.items():
+        runs = [run for run in result["rewards"] if run["reward"] == name] or [result[name]]
+        cells = [
+            _spread([run[cut][measure] for run in runs])
+            for measure, cut in (
+                ("rho", "demonstrations"), ("rho", "whole_episodes"), ("auroc_per_step", "demonstrations"),
+                ("auroc", "whole_episodes"), ("order_success", "demonstrations"), ("order_failure", "demonstrations"),
+            )
+        ]  # fmt: skip
+        rows.append(f"| {label} | {' | '.join(cells)} | {len(runs) if name != 'true_progress' else '-'} |")
+    return "\n".join([*rows, "", _where(result)])
+
+
+def failures_table() -> str:
+    """The same for each kind of failure, for the graph reward w/o robot."""
+    result = _result("shoes_in_box")
+    if result is None:
+        return ""
+    runs = [run for run in result["rewards"] if run["reward"] == "graph"]
+    head = "| kind of failure | rho | the same of whole episodes | the same of the stages truly left"
+    rows = [f"{head} | AUROC of whole episodes |", "|---" * 5 + "|"]
+    for kind, truth in result["true_progress"]["whole_episodes"]["kinds"].items():
+        cuts = {cut: [run[cut]["kinds"][kind] for run in runs] for cut in ("demonstrations", "whole_episodes")}
+        rho = [_spread([one["rho"] for one in found]) for found in cuts.values()]
+        auroc = _spread([one["auroc"] for one in cuts["whole_episodes"]])
+        rows.append(f"| {kind.replace('_', ' ')} | {' | '.join(rho)} | {truth['rho']:.3f} | {auroc} |")
+    return "\n".join(rows)
+
+
+def stages_table() -> str:
+    """How well stages are found on Shoes in Box, by reward and method; F1 on failures too."""
+    result = _result("shoes_in_box")
+    if result is None:
+        return ""
+    head = "| encoder | method | F1 at 1 % | F1 at 2 % | F1 at 5 % | covering | found, of 3"
+    rows = [f"{head} | F1 at 5 %, failures |", "|---" * 8 + "|"]
+    for name, label in SHOE_REWARDS.items():
+        for method, shown in STAGE_METHODS.items():
+            found = [run["stages"][method] for run in result["rewards"] if run["reward"] == name]
+            if found:
+                cells = [
+                    _spread([one["success"][measure] for one in found])
+                    for measure in ("f1_at_1%", "f1_at_2%", "f1_at_5%", "covering", "found")
+                ]
+                failed = _spread([_mean([v["f1_at_5%"] for k, v in one.items() if k != "success"]) for one in found])
+                rows.append(f"| {label} | {shown} | {' | '.join(cells)} | {failed} |")
+    return "\n".join(rows)
+
+
+def _mean(values: list[float]) -> float:
+    return sum(values) / len(values)
+
+
+def _spread(values: list[float]) -> str:
+    """Mean, and least and greatest over seeds where they differ."""
+    low, high = f"{min(values):.2f}", f"{max(values):.2f}"
+    return f"{_mean(values):.3f}" + (f" ({low} to {high})" if low != high else "")
+
+
+def _where(result: dict[str, Any]) -> str:
+    return f"({result['device']}, commit {result['commit'][:7]}; `{result['command']}`)"
+
+
 def throughput_table() -> str:
     """Steps per second of training beside bare physics, and the ratios."""
     result = _result("throughput")
@@ -77,26 +157,29 @@ def throughput_table() -> str:
     rates = result["steps_per_second"]
     rows = ["| program | control steps/s | of bare physics |", "|---|---|---|"]
     rows += [f"| {names[name]} | {rate:,.0f} | {rate / rates['physics']:.2f} |" for name, rate in rates.items()]
-    where = f"{result['num_envs']} environments, {result['device']}, commit {result['commit'][:7]}"
-    return "\n".join([*rows, "", f"({where}; `{result['command']}`)"])
+    return "\n".join([*rows, "", f"{result['num_envs']} environments {_where(result)}"])
 
 
-def results() -> str:
-    """Everything between the README's two markers."""
-    return f"{success_table()}\n\n{audit_table()}\n\n{throughput_table()}\n"
+BLOCKS: dict[str, tuple[Callable[[], str], ...]] = {
+    "Match Regions": (success_table, audit_table, throughput_table),
+    "Shoes in Box": (discrimination_table, failures_table, stages_table),
+}
 
 
-def updated(text: str, tables: str) -> str:
-    """A text with the tables between its two markers written anew.
+def updated(text: str) -> str:
+    """A text with the tables of every block, between its two markers, written anew.
 
     Raises:
       ValueError: a marker is missing.
     """
-    before, _, rest = text.partition(BEGIN)
-    _, end, after = rest.partition(END)
-    if not end:
-        raise ValueError(f"the text lacks one of the markers {BEGIN.strip()!r} and {END!r}")
-    return f"{before}{BEGIN}\n{tables}\n{END}{after}"
+    for name, tables in BLOCKS.items():
+        begin = f"<!-- results of {name}: written by a script from result files -->\n"
+        before, found, rest = text.partition(begin)
+        _, end, after = rest.partition(END)
+        if not found or not end:
+            raise ValueError(f"the text lacks one of the markers {begin.strip()!r} and {END!r}")
+        text = f"{before}{begin}\n{chr(10).join(table() + chr(10) for table in tables)}\n{END}{after}"
+    return text
 
 
 def _result(name: str) -> dict[str, Any] | None:
@@ -106,4 +189,4 @@ def _result(name: str) -> dict[str, Any] | None:
 
 if __name__ == "__main__":
     readme = ROOT / "README.md"
-    readme.write_text(updated(readme.read_text(), results()))
+    readme.write_text(updated(readme.read_text()))

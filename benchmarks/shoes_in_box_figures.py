@@ -58,10 +58,10 @@ def profile_figure(
     axes.spines[["top", "right"]].set_visible(False)
     pictures.set(xlim=(0, seconds[-1]), ylim=(0, 1))
     pictures.axis("off")
-    for frame in np.linspace(0, length - 1, PICTURES).astype(int):
-        image = OffsetImage(render.draw_scene(states.qpos[shown, frame], states.box[shown, frame], 150), zoom=0.85)
-        at = (np.clip(seconds[frame], 0.06 * seconds[-1], 0.94 * seconds[-1]), 0.5)
-        pictures.add_artist(AnnotationBbox(image, at, frameon=False))
+    # Each picture stands above its own moment.
+    for frame in ((np.arange(PICTURES) + 0.5) / PICTURES * length).astype(int):
+        image = OffsetImage(render.draw_scene(states.qpos[shown, frame], states.box[shown, frame], 150), zoom=0.72)
+        pictures.add_artist(AnnotationBbox(image, (seconds[frame], 0.5), frameon=False))
     write_atomically(path, FigureCanvasAgg(figure).print_png)
 
 
