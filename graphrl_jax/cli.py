@@ -1,4 +1,4 @@
-"""The command line: `train.py` and `python -m graphrl_jax {demos,pretrain,evaluate,stages}`.
+"""The command line: `train.py` and `python -m graphrl_jax {demos,import,pretrain,evaluate,stages}`.
 
 A request that cannot be carried out (bad file, unknown name, a folder that holds another run) is one sentence on
 standard error and exit code 2, and nothing is overwritten.
@@ -17,12 +17,16 @@ import numpy as np
 import tyro
 
 from graphrl_jax import compilation, demonstrations, pipeline, plots, recording, runs
+from graphrl_jax.detection import ultralytics
 from graphrl_jax.encoder import EncoderConfig
-from graphrl_jax.pretrain import PretrainConfig
+from graphrl_jax.importers.convert import Source, demonstrations_of, track_recording
+from graphrl_jax.overlay import overlay
+from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.progress import Progress
 from graphrl_jax.runs import Run, RunError
 from graphrl_jax.settings import Settings, default_preset
 from graphrl_jax.task import Task, make_task
+from graphrl_jax.video import write_video
 
 Demos = Annotated[Path | None, tyro.conf.arg(help="demonstration file; the expert makes them if none is given")]
 
@@ -114,6 +118,31 @@ class Evaluate:
 
 
 @dataclass(frozen=True)
+class Import:
+    """Make a demonstration file of recordings: videos, folders of frames, MAGICAL's .pkl.gz, or ready-made boxes.
+
+    Attributes:
+      source: File or folder; one demonstration per video, per folder of frames or labels, per .pkl.gz.
+      out: File to write (.npz); must not exist.
+      task: Registered task whose objects are in it.
+      format: magical, frames, video, yolo, corners or coco; told by the files' names if left out.
+      size: Width and height of the pictures, for corner files.
+      frame_rate: Frames per second.
+      weights: Weights of an Ultralytics model that finds the objects; the task's own detector if left out.
+      overlay: Video to write of the first demonstration: boxes, names, and in orange what has moved.
+    """
+
+    source: tyro.conf.Positional[Path]
+    out: Path
+    task: str = "match_regions"
+    format: str | None = None
+    size: tuple[int, int] | None = None
+    frame_rate: float = 8.0
+    weights: Path | None = None
+    overlay: Path | None = None
+
+
+@dataclass(frozen=True)
 class Stages:
     """Find the stages of demonstrations by a run's encoder; they need no labels.
 
@@ -137,14 +166,18 @@ def train_main(args: list[str] | None = None) -> None:
 
 def main(args: list[str] | None = None) -> None:
     """Entry point of `python -m graphrl_jax`."""
-    commands = {"demos": MakeDemos, "pretrain": Pretrain, "evaluate": Evaluate, "stages": Stages}
-    actions: dict[type, Callable[[Any], None]] = {
-        MakeDemos: make_demos, Pretrain: pretrain, Evaluate: evaluate, Stages: find_stages
-    }  # fmt: skip
+    commands: dict[str, tuple[type, Callable[[Any], None]]] = {
+        "demos": (MakeDemos, make_demos),
+        "import": (Import, import_demos),
+        "pretrain": (Pretrain, pretrain),
+        "evaluate": (Evaluate, evaluate),
+        "stages": (Stages, find_stages),
+    }
 
     def run() -> None:
-        request = tyro.extras.subcommand_cli_from_dict(commands, args=args)
-        actions[type(request)](request)
+        requests = {name: request for name, (request, _) in commands.items()}
+        request = tyro.extras.subcommand_cli_from_dict(requests, args=args)
+        dict(commands.values())[type(request)](request)
 
     _run(run)
 
@@ -212,6 +245,31 @@ def make_demos(request: MakeDemos) -> None:
     made = make_task(request.task).demonstrate(jax.random.key(request.seed), request.num, request.failures)
     made.save(request.out)
     print(json.dumps({"out": str(request.out), "demonstrations": len(made), "successes": int(made.success.sum())}))
+
+
+def import_demos(request: Import) -> None:
+    """See `Import`."""
+    if request.out.exists():
+        raise RunError(f"--out {request.out} exists already; choose another name")
+    if request.overlay is not None and request.overlay.suffix != ".mp4":
+        raise ValueError(f"--overlay {request.overlay}: a video's name must end in .mp4")
+    task = make_task(request.task)
+    source = Source(request.source, request.format, request.size)
+    detector = task.picture_detector() if request.weights is None else ultralytics(request.weights, task.objects)
+    tracks, first = [], None
+    with Progress() as progress:
+        for recording in source.recordings(task.objects):
+            tracks.append((*track_recording(recording, task.objects, detector), recording.success))
+            first = recording.frames if first is None else first
+            progress.note(f"{recording.source}: {len(tracks[-1][0])} frames")
+    demos = demonstrations_of(tracks, task.objects, request.frame_rate, task.name, str(request.source))
+    if request.overlay is not None:
+        if first is None:
+            raise ValueError(f"--overlay {request.overlay}: the source has boxes alone, no pictures")
+        write_video(overlay(first, demos.select([0]), PretrainHyper().tau), request.overlay, request.frame_rate)
+    demos.save(request.out)
+    seen = float(np.mean(demos.mask[np.arange(demos.num_frames) < demos.lengths[:, None]].any(0)))
+    print(json.dumps({"out": str(request.out), "demonstrations": len(demos), "slots seen": round(seen, 3)}))
 
 
 def pretrain(request: Pretrain) -> None:

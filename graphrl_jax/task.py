@@ -9,6 +9,7 @@ import numpy as np
 from brax.envs.base import Env, State
 
 from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.detection import Detector
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.landscape import Landscape
 from graphrl_jax.pretrain import PretrainHyper
@@ -68,6 +69,10 @@ class Task(Env):
 
         `states` is the physics state with leaves (T, ...), boxes (T, N, 4), mask and active (T, N), rewards (T,).
         """
+
+    def picture_detector(self) -> Detector | None:
+        """What finds the task's objects in pictures, for the import of videos; None if only a user's model can."""
+        return None
 
     @abstractmethod
     def training(self) -> "Task":

@@ -1,57 +1,84 @@
-"""The detector's model: perfect by default, and each fault alone does what it says."""
+"""Colours and shapes are found where they were drawn, and trained models are asked in their own language."""
 
-import jax
-import jax.numpy as jnp
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
+from pictures import SCENE, draw
 
-from tasks.detection import Detector, visible_share
+from graphrl_jax.detection import ColourDetector, Look, ModelDetector, ultralytics
+from tasks.match_regions import geometry, magical
+from tasks.match_regions.env import OBJECTS
 
-# A large box in the middle, a small one right behind it, one half behind it, and one apart.
-BOXES = jnp.array([[0.5, 0.5, 0.4, 0.4], [0.5, 0.5, 0.1, 0.1], [0.7, 0.5, 0.2, 0.2], [0.1, 0.1, 0.1, 0.1]])
-DEPTHS = jnp.array([1.0, 2.0, 2.0, 2.0])
-HIDES = np.ones(4, bool)
-KEYS = jax.random.split(jax.random.key(0), 2000)
-
-
-def see(detector, hides=HIDES):
-    boxes, mask = jax.vmap(lambda key: detector.see(key, BOXES, DEPTHS, hides))(KEYS)
-    return np.asarray(boxes), np.asarray(mask)
+POSES = np.array([[*place, angle] for _, _, place, angle in SCENE.values()], np.float32)
+TRUE = np.concatenate([[geometry.region_box()], geometry.block_boxes(POSES)])
+CLASSES = (0, 2, 3, 4, 5, 6)
 
 
-def test_a_perfect_detector_changes_nothing():
-    boxes, mask = see(Detector())
-    np.testing.assert_array_equal(boxes, np.broadcast_to(BOXES, boxes.shape))
-    assert mask.all()
+def found(frame):
+    return {detection.class_id: detection.box for detection in magical.detector().detect(frame)}
 
 
-def test_what_is_covered_by_nearer_boxes_is_hidden():
-    share = np.asarray(visible_share(BOXES, DEPTHS, HIDES))
-    np.testing.assert_allclose(share[[0, 1, 3]], [1.0, 0.0, 1.0])
-    assert share[2] == pytest.approx(0.5, abs=0.1)
-    np.testing.assert_array_equal(see(Detector(visible=0.3))[1][0], [True, False, True, True])
-    np.testing.assert_array_equal(see(Detector(visible=0.9))[1][0], [True, False, False, True])
+@pytest.mark.parametrize("size", [256, 384, 512])
+def test_every_object_is_found_where_it_was_drawn(size):
+    boxes = found(draw(size))
+    assert set(boxes) == {0, 1, 2, 3, 4, 5, 6}
+    np.testing.assert_allclose([boxes[k] for k in CLASSES], TRUE, atol=1.6 / size + 0.004)
+    np.testing.assert_allclose(boxes[1] * 2.04 - [1.02, 1.02, 0, 0], [-0.5, -0.1, 0.4, 0.4], atol=0.02)
 
 
-def test_what_does_not_hide_hides_nothing():
-    assert see(Detector(visible=0.9), hides=np.array([False, True, True, True]))[1].all()
+def test_touching_objects_of_one_colour_stay_two():
+    boxes = found(draw(moved={"star": (0.4, 0.3), "square": (0.4, 0.53)}))
+    shift = np.array([0.4, -0.3]) / 2.04 + 0.5
+    np.testing.assert_allclose(boxes[2][:2], shift, atol=0.02)
+    assert boxes[3][1] < boxes[2][1] and abs(boxes[3][3] - TRUE[2][3]) < 0.02
 
 
-def test_dropout_misses_as_many_as_it_says():
-    boxes, mask = see(Detector(dropout=0.2))
-    np.testing.assert_allclose((~mask).mean(0), 0.2, atol=0.04)
-    np.testing.assert_array_equal(boxes, np.broadcast_to(BOXES, boxes.shape))
+def test_what_is_not_there_is_not_found():
+    assert set(found(draw(without=("square", "blue_pentagon")))) == {0, 1, 2, 5, 6}
+    assert magical.detector().detect(np.full((64, 64, 3), 255, np.uint8)) == []
 
 
-def test_jitter_is_relative_to_the_boxs_sides():
-    boxes, mask = see(Detector(jitter=0.05))
-    offsets = (boxes[..., :2] - BOXES[:, :2]) / BOXES[:, 2:]
-    growth = np.log(boxes[..., 2:] / BOXES[:, 2:])
-    np.testing.assert_allclose([offsets.std((0, 2)), growth.std((0, 2))], 0.05, rtol=0.1)
-    assert np.abs(offsets.mean((0, 2))).max() < 0.01 and mask.all() and (boxes[..., 2:] > 0).all()
+def test_classes_of_one_colour_need_a_shape():
+    with pytest.raises(ValueError, match=r"classes \[0, 1\] share the colours .* reach is missing"):
+        ColourDetector([Look(0, ((1, 2, 3),), reach=1.0), Look(1, ((1, 2, 3),))])
 
 
-@pytest.mark.parametrize("field, value", [("jitter", -0.1), ("dropout", 1.5), ("visible", 2.0)])
-def test_a_wrong_value_names_the_field(field, value):
-    with pytest.raises(ValueError, match=f"Detector.{field} is {value}; allowed: 0 to 1"):
-        Detector(**{field: value})
+FRAME = np.zeros((100, 200, 3), np.uint8)
+
+
+def test_a_model_with_ultralytics_interface():
+    boxes = SimpleNamespace(
+        xywhn=np.array([[0.5, 0.5, 0.1, 0.2], [0.2, 0.2, 0.1, 0.1], [0.1, 0.1, 0.1, 0.1]]),
+        cls=np.array([7.0, 7.0, 3.0]),
+        conf=np.array([0.9, 0.2, 0.9]),
+    )
+
+    def model(frame):
+        assert frame is FRAME
+        return [SimpleNamespace(boxes=boxes)]
+
+    model.names = {3: "cat", 7: "shoe"}
+    (detection,) = ModelDetector(model, ("box", "shoe")).detect(FRAME)
+    assert detection.class_id == 1
+    np.testing.assert_allclose(detection.box, [0.5, 0.5, 0.1, 0.2])
+    with pytest.raises(ValueError, match=r"the model knows \['cat', 'shoe'\], but the task has \('robot',\)"):
+        ModelDetector(model, ("robot",))
+
+
+def test_a_model_with_torchvisions_interface():
+    result = {"boxes": np.array([[20.0, 10.0, 60.0, 30.0]]), "labels": np.array([1]), "scores": np.array([0.8])}
+    detector = ModelDetector(lambda image: [result], ("box", "shoe"), names={1: "box"}, prepare=lambda frame: [frame])
+    (detection,) = detector.detect(FRAME)
+    assert detection.class_id == 0
+    np.testing.assert_allclose(detection.box, [0.2, 0.2, 0.2, 0.2])
+
+
+def test_ultralytics_is_asked_for_by_name(tmp_path):
+    try:
+        import ultralytics as _  # noqa: F401
+    except ImportError:
+        with pytest.raises(ValueError, match="need the package ultralytics"):
+            ultralytics(tmp_path / "weights.pt", OBJECTS)
+    else:
+        pytest.skip("ultralytics is installed")

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 
-from tasks import drawing
+from graphrl_jax import drawing
 from tasks.match_regions import geometry, layouts, render
 from tasks.match_regions.env import OBJECTS
 

@@ -20,7 +20,10 @@ def imported_modules(path: Path) -> set[str]:
     return found
 
 
-IMPORTS = {f"graphrl_jax.{path.stem}": imported_modules(path) for path in PACKAGE.glob("*.py")}
+IMPORTS = {
+    ".".join(path.relative_to(PACKAGE.parent).with_suffix("").parts): imported_modules(path)
+    for path in PACKAGE.rglob("*.py")
+}
 
 
 def test_the_library_imports_no_task_and_neither_optax_nor_flax():

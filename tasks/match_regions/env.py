@@ -30,10 +30,11 @@ from brax.envs.base import State
 from mujoco import mjx
 
 from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.detection import Detector
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.landscape import Landscape
 from graphrl_jax.task import Task
-from tasks.match_regions import geometry, layouts
+from tasks.match_regions import geometry, layouts, magical
 from tasks.match_regions.model import BLOCK_NAMES, CONTROL_DT, FINGER_OPEN, ROBOT_RADIUS, Physics, build_model
 
 NUM_TARGETS = 2
@@ -176,6 +177,9 @@ class MatchRegions(Task):
     def _changed(self, **changes: Any) -> "MatchRegions":
         names = ("layout", "physics", "reward", "targets_in_order", "varied")
         return MatchRegions(**({name: getattr(self, name) for name in names} | changes))
+
+    def picture_detector(self) -> Detector:
+        return magical.detector()
 
     def demonstrate(self, key: jax.Array, successes: int, failures: int = 0) -> Demonstrations:
         from tasks.match_regions.expert import demonstrate

@@ -3,7 +3,7 @@
 import numpy as np
 from PIL import Image, ImageDraw
 
-from tasks.drawing import INK, SCALE, Colour, RewardPanel, draw_boxes, draw_broken
+from graphrl_jax.drawing import INK, SCALE, Colour, RewardPanel, draw_boxes, draw_broken
 from tasks.match_regions.env import OBJECTS
 from tasks.match_regions.geometry import DRAWN_LOWER, REGION, VIEW_HALF, outline
 from tasks.match_regions.model import (

@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw
 
-from tasks.drawing import PANEL, RewardPanel, draw_boxes
+from graphrl_jax.drawing import PANEL, RewardPanel, draw_boxes
 from tasks.shoes_in_box.env import OBJECTS
 from tasks.shoes_in_box.model import CONTROL_DT, Physics, build_model
 

@@ -1,0 +1,112 @@
+"""Ready-made boxes: YOLO's text labels, corner text files, COCO's JSON."""
+
+import json
+from collections import defaultdict
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from graphrl_jax.demonstrations import BOX_RANGE
+from graphrl_jax.detection import Detection
+from graphrl_jax.importers.pictures import in_order
+from graphrl_jax.importers.recording import ImportFailure, Recording, Recordings
+
+LineReader = Callable[[list[float], int, str], Detection]
+"""Makes a detection of the numbers of a line, its number within the file (from 0), and its place for messages."""
+
+
+def yolo_line(class_names: Sequence[str]) -> LineReader:
+    """Lines `class cx cy w h [confidence]`, in units of the picture; classes are numbered as in the object table."""
+
+    def read(numbers: list[float], _: int, where: str) -> Detection:
+        if len(numbers) not in (5, 6):
+            raise ImportFailure(f"{where}: {len(numbers)} numbers; allowed: class cx cy w h [confidence]")
+        if numbers[0] not in range(len(class_names)):
+            raise ImportFailure(f"{where}: class {numbers[0]:g}; allowed: 0 to {len(class_names) - 1}")
+        return Detection(int(numbers[0]), _checked(np.array(numbers[1:5], np.float32), where))
+
+    return read
+
+
+def corner_line(class_ids: Sequence[int], size: tuple[int, int]) -> LineReader:
+    """Lines `x0 y0 x1 y1` in pixels of a picture of `size` (width, height), one per slot of the object table, in order.
+
+    Made for the per-frame text files that GraphIRL trains from; an object that is not seen has a line of zeros.
+    """
+
+    def read(numbers: list[float], row: int, where: str) -> Detection:
+        if len(numbers) != 4:
+            raise ImportFailure(f"{where}: {len(numbers)} numbers; allowed: x0 y0 x1 y1")
+        if row >= len(class_ids):
+            raise ImportFailure(f"{where}: more lines than the table's {len(class_ids)} objects")
+        low, high = np.array(numbers[:2]) / size, np.array(numbers[2:]) / size
+        return Detection(class_ids[row], _checked(np.concatenate([(low + high) / 2, high - low]), where))
+
+    return read
+
+
+def read_label_folders(source: Path, read: LineReader) -> Recordings:
+    """A recording per folder that holds text files, one per frame, in order of the numbers in their names."""
+    for folder in sorted({path.parent for path in source.rglob("*.txt")}):
+        detections = []
+        for path in in_order(folder.glob("*.txt")):
+            lines = [line for line in path.read_text(errors="replace").splitlines() if line.strip()]
+            detections.append(
+                [read(_numbers(line, path, i), i, f"{path}, line {i + 1}") for i, line in enumerate(lines)]
+            )
+        # A line of zeros is an object that was not seen.
+        seen = [[detection for detection in frame if detection.box[2:].any()] for frame in detections]
+        yield Recording(folder, detections=seen)
+
+
+def read_coco(path: Path, class_names: Sequence[str]) -> Recordings:
+    """A recording per folder that COCO's `images` name; frames in order of the numbers in their names.
+
+    `annotations` hold `image_id`, `category_id` and `bbox` (x0, y0, w, h in pixels), `categories` name the classes.
+    """
+    try:
+        content = json.loads(path.read_text())
+        names = {category["id"]: category["name"] for category in content["categories"]}
+        images = {image["id"]: image for image in content["images"]}
+        annotations = content["annotations"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise ImportFailure(f"{path}: not COCO's JSON: {error}") from None
+    found: dict[Any, list[Detection]] = defaultdict(list)
+    for number, annotation in enumerate(annotations):
+        where = f"{path}: annotations[{number}]"
+        try:
+            image, name = images[annotation["image_id"]], names[annotation["category_id"]]
+            corner, extent = np.array(annotation["bbox"], float).reshape(2, 2)
+            size = np.array([image["width"], image["height"]], float)
+        except (KeyError, TypeError, ValueError) as error:
+            raise ImportFailure(f"{where}: {type(error).__name__} {error}") from None
+        if name not in class_names:
+            raise ImportFailure(f"{where}: category {name!r}; allowed: {', '.join(class_names)}")
+        box = np.concatenate([(corner + extent / 2) / size, extent / size])
+        found[annotation["image_id"]].append(Detection(class_names.index(name), _checked(box, where)))
+    folders: dict[Path, list[tuple[Path, Any]]] = defaultdict(list)
+    for key, image in images.items():
+        name = Path(str(image.get("file_name", key)))
+        folders[name.parent].append((name, key))
+    for folder in sorted(folders):
+        keys = dict(folders[folder])
+        yield Recording(path / folder, detections=[found[keys[name]] for name in in_order(keys)])
+
+
+def _numbers(line: str, path: Path, index: int) -> list[float]:
+    try:
+        return [float(word) for word in line.replace(",", " ").split()]
+    except ValueError:
+        raise ImportFailure(f"{path}, line {index + 1}: {line.strip()!r} is not a list of numbers") from None
+
+
+def _checked(box: np.ndarray, where: str) -> np.ndarray:
+    low, high = BOX_RANGE
+    if not np.isfinite(box).all() or (box < low).any() or (box > high).any() or (box[2:] < 0).any():
+        shown = ", ".join(f"{value:.4g}" for value in box)
+        raise ImportFailure(
+            f"{where}: the box (cx, cy, w, h) is {shown}; allowed: {low} to {high}, in units of the picture"
+        )
+    return box.astype(np.float32)

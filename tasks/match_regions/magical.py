@@ -1,0 +1,28 @@
+"""What MAGICAL draws: the colours and shapes by which its objects are found in its frames."""
+
+from graphrl_jax.detection import ColourDetector, Look
+
+_GREEN, _GREEN_LINE = (195, 208, 130), (183, 198, 105)
+_YELLOW, _YELLOW_LINE = (254, 213, 123), (254, 201, 86)
+_BLUE, _BLUE_LINE = (135, 185, 211), (110, 170, 202)
+_REGION = (224, 231, 191)
+# Body, its line, eyes, fingers; the fingers' colour is also that of the wall around the arena.
+_ROBOT = ((162, 163, 175), (144, 145, 159), (26, 26, 26), (231, 231, 234))
+_WALL = 0.013
+_STAR, _SQUARE, _PENTAGON, _CIRCLE = 1.46, 1.25, 1.14, 1.0
+
+LOOKS = (
+    Look(0, (_REGION,)),
+    Look(1, _ROBOT),
+    Look(2, (_GREEN,), (_GREEN_LINE,), reach=_STAR),
+    Look(3, (_GREEN,), (_GREEN_LINE,), reach=_SQUARE),
+    Look(4, (_BLUE,), (_BLUE_LINE,), reach=_PENTAGON),
+    Look(5, (_YELLOW,), (_YELLOW_LINE,), reach=_CIRCLE),
+    Look(6, (_YELLOW,), (_YELLOW_LINE,), reach=_PENTAGON),
+)
+"""By class id of `env.OBJECTS`."""
+
+
+def detector() -> ColourDetector:
+    """Finds Match Regions' objects in frames that MAGICAL drew from above, of any size."""
+    return ColourDetector(LOOKS, margin=_WALL)
