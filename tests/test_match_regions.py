@@ -11,7 +11,7 @@ import pytest
 
 from graphrl_jax.compilation import jit_physics
 from graphrl_jax.wrappers import EnvironmentReward
-from tasks.match_regions import env, geometry, layouts
+from tasks.match_regions import env, geometry, layouts, magical
 from tasks.match_regions.expert import FAILURES
 from tasks.match_regions.model import CONTROL_DT, FINGER_OPEN, Physics, build_model
 
@@ -305,3 +305,22 @@ def test_training_bumps_distractors_in_some_episodes() -> None:
     assert not moved[:, :2].any()
     np.testing.assert_array_equal(moved[:, 2:], away[:, 2:])
     assert 0.35 < moved.any(1).mean() < 0.53 and 0.2 < moved[:, 2:].mean() < 0.3
+
+
+def test_magicals_actions_by_number():
+    actions = np.asarray(jax.vmap(magical.action)(np.arange(magical.NUM_ACTIONS)))
+    assert len(np.unique(actions, axis=0)) == 18
+    np.testing.assert_array_equal(actions[[0, 1, 2, 3, 6, 9, 13]], [
+        [0, 0, 1], [1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1], [0, 0, -1], [1, 1, -1],
+    ])  # fmt: skip
+
+
+def test_discrete_control_does_what_its_continuous_action_does():
+    discrete, continuous = env.MatchRegions(control="discrete"), env.MatchRegions()
+    start = continuous.reset(jax.random.key(0))
+    for number in (1, 12):
+        one = jit_physics(discrete.step)(start, jnp.int32(number)).pipeline_state.qpos
+        other = jit_physics(continuous.step)(start, magical.action(jnp.int32(number))).pipeline_state.qpos
+        np.testing.assert_allclose(one, other, atol=1e-6)
+    with pytest.raises(ValueError, match="control is 'keys'; allowed: 'continuous' and 'discrete'"):
+        env.MatchRegions(control="keys")

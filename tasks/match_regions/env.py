@@ -21,7 +21,7 @@ What a policy learns about bringing one target so holds for the other as well.
 
 import dataclasses
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -91,6 +91,10 @@ class MatchRegions(Task):
       physics, reward: constants.
       targets_in_order: observe the target to see to first; otherwise the star always comes first.
       varied: share of training episodes that start part of the way to the goal (see `layouts.Training`).
+      control: `discrete` takes MAGICAL's actions by number, () int, instead of ours (see `magical.action`).
+
+    Raises:
+      ValueError: another control.
     """
 
     name = "match_regions"
@@ -108,12 +112,16 @@ class MatchRegions(Task):
         reward: Reward | None = None,
         targets_in_order: bool = True,
         varied: float = layouts.Training.varied,
+        control: Literal["continuous", "discrete"] = "continuous",
     ):
+        if control not in ("continuous", "discrete"):
+            raise ValueError(f"control is {control!r}; allowed: 'continuous' and 'discrete'")
         self.layout = layout or layouts.Demo()
         self.physics = physics or Physics()
         self.reward = reward or Reward()
         self.targets_in_order = targets_in_order
         self.varied = varied
+        self.control = control
         self.mj_model = build_model(self.physics)
         self._model = mjx.put_model(self.mj_model)
         self._template = mjx.make_data(self.mj_model)
@@ -141,8 +149,8 @@ class MatchRegions(Task):
         return state.replace(pipeline_state=physics, obs=obs, reward=reward, metrics=metrics)
 
     def advance(self, state: PhysicsState, action: jax.Array) -> PhysicsState:
-        """One control step of physics under `action` (3,)."""
-        action = jnp.clip(action, -1.0, 1.0)
+        """One control step of physics under `action` (3,), or () int where control is discrete."""
+        action = magical.action(action) if self.control == "discrete" else jnp.clip(action, -1.0, 1.0)
         speed = action[0] * jnp.where(action[0] > 0, FORWARD_SPEED, BACKWARD_SPEED)
         opening = jnp.where(action[2] < 0, 0.0, FINGER_OPEN)
         finger_targets = jnp.stack([opening, -opening])
@@ -175,7 +183,7 @@ class MatchRegions(Task):
         return self._changed(reward=dataclasses.replace(self.reward, **changes))
 
     def _changed(self, **changes: Any) -> "MatchRegions":
-        names = ("layout", "physics", "reward", "targets_in_order", "varied")
+        names = ("layout", "physics", "reward", "targets_in_order", "varied", "control")
         return MatchRegions(**({name: getattr(self, name) for name in names} | changes))
 
     def picture_detector(self) -> Detector:

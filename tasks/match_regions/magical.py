@@ -1,6 +1,11 @@
-"""What MAGICAL draws: the colours and shapes by which its objects are found in its frames."""
+"""What MAGICAL draws and what it is told: how its objects look in its frames, and its 18 discrete actions."""
+
+import jax
+import jax.numpy as jnp
 
 from graphrl_jax.detection import ColourDetector, Look
+
+NUM_ACTIONS = 18
 
 _GREEN, _GREEN_LINE = (195, 208, 130), (183, 198, 105)
 _YELLOW, _YELLOW_LINE = (254, 213, 123), (254, 201, 86)
@@ -21,6 +26,17 @@ LOOKS = (
     Look(6, (_YELLOW,), (_YELLOW_LINE,), reach=_PENTAGON),
 )
 """By class id of `env.OBJECTS`."""
+
+
+def action(number: jax.Array) -> jax.Array:
+    """One of MAGICAL's actions as our speed, turn and gripper, (3,).
+
+    Args:
+      number: () int, 0 to 17: number % 3 is nothing, forwards, backwards; (number % 9) // 3 is nothing, left, right;
+        from 9 on the gripper closes.
+    """
+    drive, steer = jnp.array([0.0, 1.0, -1.0]), jnp.array([0.0, 1.0, -1.0])
+    return jnp.stack([drive[number % 3], steer[number % 9 // 3], jnp.where(number < 9, 1.0, -1.0)])
 
 
 def detector() -> ColourDetector:
