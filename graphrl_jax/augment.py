@@ -12,7 +12,8 @@ how they got there:
   to tell order and too little to outweigh objects;
 - what was never moved lies anywhere and is bumped to another place now and then, before the demonstration begins or
   during it, so that neither its place nor its activity tells of progress (an encoder that saw no bumps from before
-  rewarded bumping itself, by a tenth of the way);
+  rewarded bumping itself, by a tenth of the way). So does what was moved but left outside, where others were brought
+  into a fixture: people bump into things, and an encoder that took that for their doing rewarded it;
 - fixtures (`ObjectTable.is_fixture`) stay.
 
 Boxes, activity and time are all it takes; there is no paper behind it.
@@ -93,7 +94,7 @@ def rearrange(
     """
     end_key, way_key, place_key, bump_key, before_key, trip_key, act_key = jax.random.split(key, 7)
     robot, fixture = objects.robot_flags(), objects.fixture_flags()
-    carried = motion.moved & ~robot & ~fixture
+    carried = _carried(motion, robot, fixture)
     here, there = jax.random.uniform(place_key, (2, *robot.shape, 2), minval=_MARGIN, maxval=1 - _MARGIN)
 
     ends = _ends(end_key, motion, fixture)
@@ -115,10 +116,23 @@ def rearrange(
     return jnp.concatenate([centres, sizes], axis=-1), (share > 0) | before
 
 
+def _within(motion: Motion, fixture: jax.Array) -> jax.Array:
+    """Whose centre ended inside which fixture's box: (N, N) bool, [object, fixture]."""
+    centres, sizes = motion.last[:, :2], motion.last[:, 2:]
+    return jnp.all(jnp.abs(centres[:, None] - centres) <= sizes / 2, axis=-1) & fixture
+
+
+def _carried(motion: Motion, robot: jax.Array, fixture: jax.Array) -> jax.Array:
+    """What was brought somewhere, (N,) bool: what was moved, or of that only what ended in a fixture, if any did."""
+    moved = motion.moved & ~robot & ~fixture
+    brought = moved & _within(motion, fixture).any(axis=1)
+    return jnp.where(brought.any(), brought, moved)
+
+
 def _ends(key: jax.Array, motion: Motion, fixture: jax.Array) -> jax.Array:
     """Where objects end, (N, 2): where they did, or anywhere in the fixture they ended in."""
     centres, sizes = motion.last[:, :2], motion.last[:, 2:]
-    within = jnp.all(jnp.abs(centres[:, None] - centres) <= sizes / 2, axis=-1) & fixture
+    within = _within(motion, fixture)
     container = jnp.argmax(within, axis=1)
     drawn = jax.random.uniform(key, centres.shape, minval=INSET - 0.5, maxval=0.5 - INSET)
     return jnp.where(within.any(axis=1)[:, None], centres[container] + drawn * sizes[container], centres)

@@ -14,23 +14,37 @@ from graphrl_jax.encoder import EncoderConfig
 from graphrl_jax.graph import ObjectTable
 
 OBJECTS = ObjectTable(
-    names=("region", "robot", "first", "second", "bystander"),
-    class_ids=(0, 1, 2, 2, 2),
-    is_robot=(False, True, False, False, False),
+    names=("region", "robot", "first", "second", "bystander", "spot"),
+    class_ids=(0, 1, 2, 2, 2, 0),
+    is_robot=(False, True, False, False, False, False),
     class_names=("region", "robot", "block"),
-    is_fixture=(True, False, False, False, False),
+    is_fixture=(True, False, False, False, False, True),
 )
 REGION, ROBOT, FIRST, SECOND, BYSTANDER = range(5)
-# The first block ends in the region, the second beside it.
+# The first block ends in the region, the second on a spot that is only a point.
 START = np.array(
-    [[0.5, 0.5, 0.2, 0.3], [0.2, 0.2, 0.2, 0.2], [0.4, 0.3, 0.1, 0.1], [0.6, 0.8, 0.1, 0.1], [0.3, 0.7, 0.1, 0.1]]
+    [
+        [0.5, 0.5, 0.2, 0.3],
+        [0.2, 0.2, 0.2, 0.2],
+        [0.4, 0.3, 0.1, 0.1],
+        [0.6, 0.8, 0.1, 0.1],
+        [0.3, 0.7, 0.1, 0.1],
+        [0.65, 0.7, 0.0, 0.0],
+    ]
 )
 END = np.array(
-    [[0.5, 0.5, 0.2, 0.3], [0.6, 0.4, 0.2, 0.2], [0.5, 0.45, 0.1, 0.1], [0.65, 0.7, 0.12, 0.1], [0.3, 0.7, 0.1, 0.1]]
+    [
+        [0.5, 0.5, 0.2, 0.3],
+        [0.6, 0.4, 0.2, 0.2],
+        [0.5, 0.45, 0.1, 0.1],
+        [0.65, 0.7, 0.12, 0.1],
+        [0.3, 0.7, 0.1, 0.1],
+        [0.65, 0.7, 0.0, 0.0],
+    ]
 )
-MOVED = np.array([False, True, True, True, False])
+MOVED = np.array([False, True, True, True, False, False])
 MOTION = Motion(
-    jnp.zeros((2, 5), bool), jnp.asarray(MOVED), jnp.asarray(START, jnp.float32), jnp.asarray(END, jnp.float32)
+    jnp.zeros((2, 6), bool), jnp.asarray(MOVED), jnp.asarray(START, jnp.float32), jnp.asarray(END, jnp.float32)
 )
 TOTAL = np.linalg.norm(END[2:4, :2] - START[2:4, :2], axis=-1).sum()
 TIMES = np.linspace(0, 1, 201, dtype=np.float32)
@@ -133,12 +147,25 @@ def test_what_was_bumped_before_counts_as_moved_throughout_and_only_if_never_car
     np.testing.assert_array_equal(active[..., BYSTANDER], np.broadcast_to(before[:, None], active.shape[:2]))
 
 
+def test_what_was_moved_but_left_outside_counts_as_bumped():
+    left = MOTION._replace(moved=MOTION.moved.at[BYSTANDER].set(True), last=MOTION.last.at[BYSTANDER, 0].add(0.1))
+    keys = jax.random.split(jax.random.key(0), NUM)
+    boxes, active = jax.vmap(lambda key: rearrange(key, OBJECTS, left, TIMES, 0.0, 0.0, APPROACH))(keys)
+    assert not active[:, :, BYSTANDER].any() and np.ptp(boxes[:, -1, BYSTANDER, :2], axis=0).min() > 0.5
+    assert active[:, -1, FIRST].all() and active[:, -1, SECOND].all()
+    # Where nothing ends in a fixture, whatever was moved was brought there.
+    away = left._replace(last=left.last.at[jnp.array([FIRST, SECOND]), 1].add(0.25))
+    boxes, active = jax.vmap(lambda key: rearrange(key, OBJECTS, away, TIMES, 0.0, 0.0, APPROACH))(keys)
+    assert active[:, -1, FIRST : BYSTANDER + 1].all()
+    np.testing.assert_allclose(boxes[:, -1, BYSTANDER], np.broadcast_to(away.last[BYSTANDER], (NUM, 4)), atol=1e-6)
+
+
 def test_the_robot_starts_anywhere(rearranged):
     assert (rearranged[0][:, 0, ROBOT, :2].std(axis=0) > 0.15).all()
 
 
 def test_where_nothing_was_moved_the_robot_stays():
-    still = MOTION._replace(moved=jnp.zeros(5, bool))
+    still = MOTION._replace(moved=jnp.zeros(6, bool))
     boxes, active = rearrange(jax.random.key(0), OBJECTS, still, jnp.asarray(TIMES), 0.0, 0.0, APPROACH)
     assert np.isfinite(boxes).all() and not active[:, [FIRST, SECOND, BYSTANDER]].any()
     np.testing.assert_array_equal(boxes[:, ROBOT, :2], np.broadcast_to(boxes[0, ROBOT, :2], (TIMES.size, 2)))
