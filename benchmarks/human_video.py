@@ -27,7 +27,6 @@ from tasks.match_regions.env import OBJECTS
 RESULTS = Path("benchmarks/results")
 # Order of the objects in truth.npz, as node slots: star, square, three distractors, region, robot.
 TRUTH_SLOTS = (2, 3, 4, 5, 6, 0, 1)
-# A box that overlaps its own object's true one less than another's is that of the other object.
 _NAMES = [OBJECTS.names[slot] for slot in TRUTH_SLOTS]
 
 

@@ -16,7 +16,7 @@ METHODS = {
     "graph": "graph reward, w/o robot",
     "graph_plain_distance": "graph reward, w/o robot, not evened (Eq. 3)",
     "graph_with_robot": "graph reward, w/ robot",
-    "human": "graph reward, w/o robot, from 15 human demonstrations",
+    "human": "graph reward, w/o robot, from 15 human demonstrations (11 to learn from, 4 held out)",
 }
 
 AUDIT = {
@@ -141,7 +141,8 @@ def _spread(values: list[float]) -> str:
 
 
 def _where(result: dict[str, Any]) -> str:
-    return f"({result['device']}, commit {result['commit'][:7]}; `{result['command']}`)"
+    commit, dirty, _ = result["commit"].partition("-dirty")
+    return f"({result['device']}, commit {commit[:7]}{dirty}; `{result['command']}`)"
 
 
 def throughput_table() -> str:
@@ -200,7 +201,8 @@ def fidelity_table() -> str:
     replays = result["replays"]
     summary = (
         f"Blocks move by {ten['way_median']:.2f} in ten steps (median). Whole replays solve the task in "
-        f"{replays['solved']:.0%} of {replays['starts']} nudged starts; MAGICAL against itself: 27 % {_where(result)}"
+        f"{replays['solved']:.0%} of {replays['starts']} starts nudged by {replays['nudge']:g}; MAGICAL's own in "
+        f"{replays['magical_itself']['solved']:.0%}, nudged by {replays['magical_itself']['nudge']:g} {_where(result)}"
     )
     return "\n".join([*rows, "", summary])
 

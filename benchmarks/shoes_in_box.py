@@ -4,7 +4,8 @@
 
 It makes demonstrations, trains an encoder per reward and seed, and judges all of them by the same successes and
 failures of a seed of their own, which no encoder saw. What is in `--out` already is used again, so an interrupted
-command goes on. Writes shoes_in_box.json and pictures to `benchmarks/results` (smoke: to `--out`).
+command goes on, at the commit it began with only. Writes shoes_in_box.json and pictures to `benchmarks/results`
+(smoke: to `--out`).
 """
 
 import shutil
@@ -26,7 +27,7 @@ from graphrl_jax.discrimination import discrimination
 from graphrl_jax.pretrain import PretrainConfig
 from graphrl_jax.progress import Progress
 from graphrl_jax.reward import RewardModel, demonstration_rewards
-from graphrl_jax.runs import Run, write_json
+from graphrl_jax.runs import Run, RunError, read_json, write_json
 from graphrl_jax.task import make_task
 from tasks.shoes_in_box import expert
 from tasks.shoes_in_box.env import ShoesInBox
@@ -68,6 +69,20 @@ class Options:
 
     preset: Literal["smoke", "default"] = "default"
     out: Path | None = None
+
+
+def claim(out: Path, began: dict[str, Any]) -> None:
+    """Begins a folder of this benchmark, or goes on in one that was begun alike.
+
+    Raises:
+      RunError: the folder holds something else, or was begun at another commit or with other sizes.
+    """
+    kept = read_json(out / "config.json") if (out / "config.json").exists() else None
+    if kept is None and out.exists() and any(out.iterdir()):
+        raise RunError(f"{out} holds something else; choose another folder with --out")
+    if kept not in (None, began):
+        raise RunError(f"{out} was begun with {kept}, but this is {began}; choose another folder with --out")
+    write_json(out / "config.json", began)
 
 
 def kept_demonstrations(task: ShoesInBox, path: Path, seed: int, successes: int, failures: int) -> Demonstrations:
@@ -143,6 +158,7 @@ def main() -> None:
     where = measured_on("shoes_in_box")
     sizes = PRESETS[options.preset]
     out = options.out or Path("runs") / f"shoes_in_box_{options.preset}"
+    claim(out, {"command": "benchmarks.shoes_in_box", "commit": where["commit"], "sizes": vars(sizes)})
     results = RESULTS if options.preset == "default" else out
     task = make_task("shoes_in_box")
     assert isinstance(task, ShoesInBox)

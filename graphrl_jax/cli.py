@@ -127,7 +127,7 @@ class Import:
       task: Registered task whose objects are in it.
       format: magical, frames, video, yolo, corners or coco; told by the files' names if left out.
       size: Width and height of the pictures, for corner files.
-      frame_rate: Frames per second.
+      frame_rate: Frames per second; the videos' own if left out, else the task's.
       weights: Weights of an Ultralytics model that finds the objects; the task's own detector if left out.
       overlay: Video to write of the first demonstration: boxes, names, and in orange what has moved.
     """
@@ -137,7 +137,7 @@ class Import:
     task: str = "match_regions"
     format: str | None = None
     size: tuple[int, int] | None = None
-    frame_rate: float = 8.0
+    frame_rate: float | None = None
     weights: Path | None = None
     overlay: Path | None = None
 
@@ -251,23 +251,29 @@ def import_demos(request: Import) -> None:
     """See `Import`."""
     if request.out.exists():
         raise RunError(f"--out {request.out} exists already; choose another name")
-    if request.overlay is not None and request.overlay.suffix != ".mp4":
-        raise ValueError(f"--overlay {request.overlay}: a video's name must end in .mp4")
+    if request.overlay is not None and (request.overlay.suffix != ".mp4" or request.overlay.exists()):
+        raise RunError(f"--overlay {request.overlay} must end in .mp4 and not exist yet")
+    if request.frame_rate is not None and not 0 < request.frame_rate < float("inf"):
+        raise ValueError(f"--frame-rate is {request.frame_rate}; allowed: numbers above 0")
     task = make_task(request.task)
     source = Source(request.source, request.format, request.size)
     detector = task.picture_detector() if request.weights is None else ultralytics(request.weights, task.objects)
-    tracks, first = [], None
+    tracks, first, rates = [], None, set()
     with Progress() as progress:
         for recording in source.recordings(task.objects):
             tracks.append((*track_recording(recording, task.objects, detector), recording.success))
             first = recording.frames if first is None else first
+            rates |= {recording.frame_rate} - {None}
             progress.note(f"{recording.source}: {len(tracks[-1][0])} frames")
-    demos = demonstrations_of(tracks, task.objects, request.frame_rate, task.name, str(request.source))
-    if request.overlay is not None:
-        if first is None:
-            raise ValueError(f"--overlay {request.overlay}: the source has boxes alone, no pictures")
-        write_video(overlay(first, demos.select([0]), PretrainHyper().tau), request.overlay, request.frame_rate)
+    if request.overlay is not None and first is None:
+        raise ValueError(f"--overlay {request.overlay}: the source has boxes alone, no pictures")
+    if request.frame_rate is None and len(rates) > 1:
+        raise ValueError(f"the videos have {sorted(rates)} frames per second; --frame-rate says which to take for all")
+    rate = request.frame_rate or next(iter(rates), task.frame_rate)
+    demos = demonstrations_of(tracks, task.objects, rate, task.name, str(request.source))
     demos.save(request.out)
+    if request.overlay is not None:
+        write_video(overlay(first, demos.select([0]), PretrainHyper().tau), request.overlay, demos.frame_rate)
     seen = float(np.mean(demos.mask[np.arange(demos.num_frames) < demos.lengths[:, None]].any(0)))
     print(json.dumps({"out": str(request.out), "demonstrations": len(demos), "slots seen": round(seen, 3)}))
 

@@ -15,6 +15,8 @@ from scipy import ndimage
 from graphrl_jax.graph import ObjectTable
 
 RGB = tuple[int, int, int]
+SPECK = 3e-4
+"""Share of the frame below which parts of an object of several parts are specks."""
 
 
 class Detection(NamedTuple):
@@ -62,13 +64,19 @@ class ColourDetector:
       margin: share of the frame's side at its border in which nothing is looked for.
       smallest: share of the frame that an object of known shape covers at least.
       line: share of the frame's side within which an outline is looked for around a fill.
+      tolerance: how far a pixel may be from a colour, in grey levels (Euclidean): videos change them a little.
 
     Raises:
-      ValueError: classes share their colours, and one has no `reach`.
+      ValueError: classes share their colours and one has no `reach`, or they share some of them only.
     """
 
     def __init__(
-        self, looks: Sequence[Look], margin: float = 0.0, smallest: float = 0.002, line: float = 0.016
+        self,
+        looks: Sequence[Look],
+        margin: float = 0.0,
+        smallest: float = 0.002,
+        line: float = 0.016,
+        tolerance: float = 14.0,
     ) -> None:
         self.margin, self.smallest, self.line = margin, smallest, line
         self._groups: dict[tuple[RGB, ...], list[Look]] = {}
@@ -80,12 +88,16 @@ class ColourDetector:
                     f"classes {[look.class_id for look in group]} share the colours {fill}: reach is missing"
                 )
         # Colours to codes, at 5 bits a channel: fill of the k-th group 2 k + 1, its outline 2 k + 2, all else 0.
-        self._codes = np.zeros(1 << 15, np.uint8)
+        codes: dict[RGB, int] = {}
         for number, (fill, group) in enumerate(self._groups.items()):
-            for colour in fill:
-                self._codes[_packed(np.array(colour, np.uint8))] = 2 * number + 1
-            for colour in {colour for look in group for colour in look.outline}:
-                self._codes[_packed(np.array(colour, np.uint8))] = 2 * number + 2
+            outline = dict.fromkeys(colour for look in group for colour in look.outline)
+            for colour, code in [*((c, 2 * number + 1) for c in fill), *((c, 2 * number + 2) for c in outline)]:
+                if codes.setdefault(colour, code) != code:
+                    raise ValueError(f"the colour {colour} belongs to two looks that differ in others")
+        cells = np.stack(np.meshgrid(*[np.arange(4, 256, 8)] * 3, indexing="ij"), -1).reshape(-1, 3)
+        distances = np.linalg.norm(cells[:, None] - np.array(list(codes)), axis=-1)
+        nearest = np.array(list(codes.values()), np.uint8)[distances.argmin(1)]
+        self._codes = np.where(distances.min(1) <= tolerance, nearest, 0).astype(np.uint8)
 
     def detect(self, frame: np.ndarray) -> list[Detection]:
         """See `Detector.detect`."""
@@ -97,8 +109,8 @@ class ColourDetector:
         for number, group in enumerate(self._groups.values()):
             code = 2 * number + 1
             if group[0].reach is None:
-                parts = [_extent((codes == code) | (codes == code + 1))]
-                found += [(group[0].class_id, part) for part in parts if part is not None]
+                whole = _whole((codes == code) | (codes == code + 1), SPECK * height * width)
+                found += [] if whole is None else [(group[0].class_id, whole)]
             else:
                 found += self._shapes(codes, code, group, self.smallest * height * width, self.line * width)
         size = np.array([width, height, width, height], np.float32)
@@ -149,6 +161,19 @@ def _packed(colours: np.ndarray) -> np.ndarray:
     """Colours (..., 3) uint8 as (...) uint16, five bits a channel."""
     high = colours >> 3
     return (high[..., 0].astype(np.uint16) << 10) | (high[..., 1].astype(np.uint16) << 5) | high[..., 2]
+
+
+def _whole(mask: np.ndarray, least: float) -> np.ndarray | None:
+    """`_extent` of connected parts of at least `least` pixels: compression leaves specks at edges."""
+    extent = _extent(mask)
+    if extent is None:
+        return None
+    labels = np.zeros((extent[3] - extent[1], extent[2] - extent[0]), np.int32)
+    ndimage.label(mask[extent[1] : extent[3], extent[0] : extent[2]], output=labels)
+    large = np.bincount(labels.ravel()) >= least
+    large[0] = False
+    within = _extent(large[labels])
+    return None if within is None else within + np.tile(extent[:2], 2)
 
 
 def _extent(mask: np.ndarray) -> np.ndarray | None:
@@ -209,16 +234,23 @@ class ModelDetector:
         result = self._model(self._prepare(frame))[0]
         if isinstance(result, Mapping):
             size = np.array([frame.shape[1], frame.shape[0]] * 2, np.float32)
-            boxes = [_centred(corners) / size for corners in np.asarray(result["boxes"]).reshape(-1, 4)]
-            classes, scores = np.asarray(result["labels"]), np.asarray(result["scores"])
+            boxes = [_centred(corners) / size for corners in _numbers(result["boxes"]).reshape(-1, 4)]
+            classes, scores = _numbers(result["labels"]), _numbers(result["scores"])
         else:
-            boxes = np.asarray(result.boxes.xywhn, np.float32).reshape(-1, 4)
-            classes, scores = np.asarray(result.boxes.cls), np.asarray(result.boxes.conf)
+            boxes = _numbers(result.boxes.xywhn).astype(np.float32).reshape(-1, 4)
+            classes, scores = _numbers(result.boxes.cls), _numbers(result.boxes.conf)
         return [
             Detection(self._ids[int(number)], box)
             for box, number, score in zip(boxes, classes, scores, strict=True)
             if score >= self._confidence and int(number) in self._ids
         ]
+
+
+def _numbers(values: Any) -> np.ndarray:
+    """An array, or a tensor of torch's wherever it lives, as an array."""
+    for method in ("detach", "cpu"):
+        values = getattr(values, method)() if hasattr(values, method) else values
+    return np.asarray(values)
 
 
 def ultralytics(weights: Path, objects: ObjectTable) -> ModelDetector:
@@ -231,4 +263,7 @@ def ultralytics(weights: Path, objects: ObjectTable) -> ModelDetector:
         from ultralytics import YOLO  # pyright: ignore[reportMissingImports]
     except ImportError:
         raise ValueError('trained detectors need the package ultralytics: pip install "graphrl_jax[detect]"') from None
-    return ModelDetector(YOLO(weights), objects.class_names)
+    # It takes arrays for BGR, as OpenCV reads pictures.
+    return ModelDetector(
+        YOLO(weights), objects.class_names, prepare=lambda frame: np.ascontiguousarray(frame[..., ::-1])
+    )

@@ -46,8 +46,8 @@ def rests(embeddings: np.ndarray, distance: float, shortest: float = REST, still
     if frames < 2 * window:
         return []
     scaled = np.asarray(embeddings, float) / distance
-    # Most steps of an episode that rests are noise; a robust scale of steps is the root of two times that of frames.
-    noise = np.median(np.linalg.norm(np.diff(scaled, axis=0), axis=1)) / np.sqrt(2)
+    # Second differences know nothing of steady motion; those of noise are the root of six times the noise.
+    noise = np.median(np.linalg.norm(np.diff(scaled, n=2, axis=0), axis=1)) / np.sqrt(6)
     windows = np.lib.stride_tricks.sliding_window_view(scaled, window, axis=0)
     spread = np.linalg.norm(windows - windows[..., :1], axis=1).max(1)
     resting = np.zeros(frames, bool)

@@ -15,8 +15,10 @@ from graphrl_jax.graph import ObjectTable
 
 LONGEST_BRIDGE = 5
 """Frames over which a gap is bridged."""
-# Cost of a detection in a slot of another class: never.
-_NEVER = 1e6
+FARTHEST = 0.15
+"""How far an object may go in a frame, in units of the picture: a detection farther off opens a slot still empty."""
+# Costs of a slot never filled, of one whose object was elsewhere, and of one of another class.
+_FRESH, _ELSEWHERE, _NEVER = 2.0, 100.0, 1e6
 
 
 def track(frames: Iterable[list[Detection]], objects: ObjectTable) -> tuple[np.ndarray, np.ndarray]:
@@ -26,26 +28,34 @@ def track(frames: Iterable[list[Detection]], objects: ObjectTable) -> tuple[np.n
     """
     classes = np.array(objects.class_ids)
     last = np.full((objects.num_slots, 4), np.nan, np.float32)
+    unseen = np.ones(objects.num_slots)
     rows = []
     for detections in frames:
         row = np.full_like(last, np.nan)
         if detections:
             boxes = np.stack([detection.box for detection in detections])
-            for slot, index in _assignment(boxes, np.array([d.class_id for d in detections]), last, classes):
+            found = np.array([detection.class_id for detection in detections])
+            for slot, index in _assignment(boxes, found, last, FARTHEST * unseen, classes):
                 row[slot] = last[slot] = boxes[index]
+        unseen = np.where(np.isnan(row[:, 0]), unseen + 1, 1)
         rows.append(row)
     if not rows:
         return np.zeros((0, objects.num_slots, 4), np.float32), np.zeros((0, objects.num_slots), bool)
     return bridge(np.stack(rows))
 
 
-def _assignment(boxes: np.ndarray, found: np.ndarray, last: np.ndarray, classes: np.ndarray) -> list[tuple[int, int]]:
-    """(slot, detection) pairs of least total distance, classes alike."""
+def _assignment(
+    boxes: np.ndarray, found: np.ndarray, last: np.ndarray, reach: np.ndarray, classes: np.ndarray
+) -> list[tuple[int, int]]:
+    """(slot, detection) pairs of least total cost, classes alike.
+
+    Cheapest is the slot of an object that can have gone there, `reach` (N,) at most; then one never filled, from left
+    to right; then one whose object was elsewhere.
+    """
     distance = np.linalg.norm(last[:, None, :2] - boxes[None, :, :2], axis=-1)
-    # A slot that has never been filled: from left to right, and after those that have.
     turn = np.array([np.sum((found == found[index]) & (boxes[:, 0] < boxes[index, 0])) for index in range(len(found))])
-    order = 2.0 + np.abs(turn[None, :] - _rank(classes)[:, None])
-    cost = np.where(np.isnan(distance), order, distance)
+    order = _FRESH + np.abs(turn[None, :] - _rank(classes)[:, None])
+    cost = np.where(np.isnan(distance), order, np.where(distance <= reach[:, None], distance, _ELSEWHERE + distance))
     cost = np.where(classes[:, None] == found[None, :], cost, _NEVER)
     pairs = zip(*linear_sum_assignment(cost), strict=True)
     return [(int(slot), int(index)) for slot, index in pairs if cost[slot, index] < _NEVER]

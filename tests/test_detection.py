@@ -2,11 +2,13 @@
 
 from types import SimpleNamespace
 
+import imageio.v3 as imageio
 import numpy as np
 import pytest
 from pictures import SCENE, draw
 
 from graphrl_jax.detection import ColourDetector, Look, ModelDetector, ultralytics
+from graphrl_jax.video import write_video
 from tasks.match_regions import geometry, magical
 from tasks.match_regions.env import OBJECTS
 
@@ -42,6 +44,22 @@ def test_what_is_not_there_is_not_found():
 def test_classes_of_one_colour_need_a_shape():
     with pytest.raises(ValueError, match=r"classes \[0, 1\] share the colours .* reach is missing"):
         ColourDetector([Look(0, ((1, 2, 3),), reach=1.0), Look(1, ((1, 2, 3),))])
+    with pytest.raises(ValueError, match=r"the colour \(1, 2, 3\) belongs to two looks"):
+        ColourDetector([Look(0, ((1, 2, 3),)), Look(1, ((1, 2, 3), (9, 9, 9)))])
+
+
+@pytest.mark.parametrize("kind", ["mp4", "jpg"])
+def test_compression_changes_little(tmp_path, kind):
+    path = tmp_path / f"scene.{kind}"
+    if kind == "mp4":
+        write_video(np.stack([draw()] * 3), path, 8.0)
+        frame = imageio.imread(path, index=1)
+    else:
+        imageio.imwrite(path, draw(), quality=90)
+        frame = imageio.imread(path)
+    boxes = found(np.asarray(frame))
+    assert set(boxes) == {0, 1, 2, 3, 4, 5, 6}
+    np.testing.assert_allclose([boxes[k] for k in CLASSES], TRUE, atol=0.02)
 
 
 FRAME = np.zeros((100, 200, 3), np.uint8)

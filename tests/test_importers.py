@@ -5,6 +5,7 @@ import io
 import json
 import os
 import pickle
+import subprocess
 import sys
 from collections import OrderedDict, namedtuple
 from pathlib import Path
@@ -19,7 +20,6 @@ from graphrl_jax import cli
 from graphrl_jax import demonstrations as demonstration_files
 from graphrl_jax.importers import magical
 from graphrl_jax.importers.convert import Source, guess_format
-from graphrl_jax.importers.labels import corner_line, read_label_folders
 from graphrl_jax.importers.recording import ImportFailure
 from graphrl_jax.video import write_video
 from tasks.match_regions.env import OBJECTS
@@ -116,7 +116,7 @@ def test_damaged_and_foreign_files_are_refused(tmp_path, capsys, monkeypatch):
     save_trajectory(path, [FRAMES[0], FRAMES[1][:100]])
     assert "obs[1]['allo'] is no (H, W, 3) uint8 picture of the first one's size" in refused(capsys, path)
     save_trajectory(path, FRAMES, score="high")
-    assert "score is 'high'; allowed: a number" in refused(capsys, path)
+    assert "score is of type str; allowed: a finite number" in refused(capsys, path)
     monkeypatch.setattr(magical, "MAX_BYTES", 1000)
     save_trajectory(path, FRAMES)
     assert "unpacked" in refused(capsys, path)
@@ -132,11 +132,12 @@ def test_frames_are_read_in_order_of_their_numbers(tmp_path):
 
 def test_a_video_says_nearly_what_its_frames_say(tmp_path):
     write_video(FRAMES, tmp_path / "demo.mp4", 8.0)
-    imageio.imwrite(tmp_path / "demo.gif", FRAMES)
+    imageio.imwrite(tmp_path / "demo.gif", FRAMES, duration=125)
     for name in ("demo.mp4", "demo.gif"):
         (recording,) = Source(tmp_path / name).recordings(OBJECTS)
         assert recording.frames is not None and recording.frames.shape == FRAMES.shape
         assert np.abs(recording.frames.astype(int) - FRAMES).mean() < 3
+        assert recording.frame_rate == pytest.approx(8.0, rel=0.05)  # a gif counts in hundredths
 
 
 def test_what_is_wrong_with_pictures_is_said(tmp_path, capsys):
@@ -150,6 +151,7 @@ def test_what_is_wrong_with_pictures_is_said(tmp_path, capsys):
     (tmp_path / "demo.mp4").write_bytes(b"")
     assert "demo.mp4: no video that can be read" in refused(capsys, tmp_path / "demo.mp4")
     assert "is missing" in refused(capsys, tmp_path / "nowhere")
+    assert "--frame-rate is 0.0; allowed: numbers above 0" in refused(capsys, folder, "--frame-rate", 0)
     (tmp_path / "empty").mkdir()
     assert "holds nothing of a known format" in refused(capsys, tmp_path / "empty")
     assert "holds no demonstrations" in refused(capsys, tmp_path / "empty", "--format", "video")
@@ -184,9 +186,26 @@ def test_yolos_labels(tmp_path, capsys):
     assert "line 1: 'three 0.5' is not a list of numbers" in refused(capsys, tmp_path)
 
 
+def test_frames_without_labels_are_frames_in_which_nothing_was_seen(tmp_path, capsys):
+    boxes = " ".join(map(str, SQUARE_BOX))
+    for number in (1, 2, 9):
+        (tmp_path / f"{number:03d}.txt").write_text(f"3 {boxes}")
+    run(tmp_path, "--out", tmp_path / "demos.npz")
+    demos = demonstration_files.load(tmp_path / "demos.npz")
+    np.testing.assert_array_equal(demos.mask[0, :, OBJECTS.names.index("square")], [1, 1, 0, 0, 0, 0, 0, 0, 1])
+    (tmp_path / "100000.txt").write_text(f"3 {boxes}")
+    (tmp_path / "demos.npz").unlink()
+    assert "the files' numbers skip from 1 to 100000 in 4 files" in refused(capsys, tmp_path)
+
+
+def test_nothing_seen_is_nothing_written(tmp_path, capsys):
+    imageio.imwrite(tmp_path / "0.png", np.full((64, 64, 3), 128, np.uint8))
+    assert "none of the objects goal_region" in refused(capsys, tmp_path)
+
+
 def test_corner_files(tmp_path, capsys):
     write_labels(tmp_path / "a", ["0 0 0 0\n10 20 30 60\n"])
-    (recording,) = read_label_folders(tmp_path, corner_line(OBJECTS.class_ids, (100, 200)))
+    (recording,) = Source(tmp_path, "corners", (100, 200)).recordings(OBJECTS)
     ((detection,),) = recording.detections
     assert detection.class_id == OBJECTS.class_ids[1]
     np.testing.assert_allclose(detection.box, [0.2, 0.2, 0.2, 0.2])
@@ -236,3 +255,53 @@ def test_real_human_demonstrations(tmp_path):
     corners = np.concatenate([demos.boxes[0, :, :7, :2] - demos.boxes[0, :, :7, 2:] / 2,
                               demos.boxes[0, :, :7, :2] + demos.boxes[0, :, :7, 2:] / 2], -1)  # fmt: skip
     assert np.abs(corners - true).mean() < 1.0 / 384 and np.abs(corners - true).max() < 8 / 384
+
+
+FORGED = """
+import sys
+from pathlib import Path
+from graphrl_jax.importers.magical import load_trajectory
+from graphrl_jax.importers.recording import ImportFailure
+try:
+    load_trajectory(Path(sys.argv[1]))
+except ImportFailure as failure:
+    print(failure)
+"""
+
+
+def forged_pickles():
+    """Pickles that would let numpy point anywhere, or fill the memory, were it numpy that built them."""
+    dtype = b"cnumpy\ndtype\n(X\x02\x00\x00\x00%bI00\nI01\ntR"
+    state = b"(I3\nX\x01\x00\x00\x00|NNNI-1\nI-1\nI0\ntb"
+    scalar = b"cnumpy.core.multiarray\nscalar\n(%bC\x08AAAAAAAAtR."
+    yield "object flags cleared", b"\x80\x04" + scalar % (dtype % b"O8" + state)
+    yield "objects", b"\x80\x04" + scalar % (dtype % b"O8")
+    yield "array itself", b"\x80\x04cnumpy\nndarray\n((I100000000\ntX\x01\x00\x00\x00OtR."
+    yield "more than its bytes", (
+        b"\x80\x04cnumpy.core.multiarray\n_reconstruct\n(cnumpy\nndarray\n(I0\ntC\x01btR(I1\n(I100000000\nt"
+        + dtype % b"u1" + b"I00\nC\x01Atb."
+    )  # fmt: skip
+    yield "far memo", b"\x80\x04Nr" + (0xFFFFFFF0).to_bytes(4, "little") + b"."
+    yield "byte array", b"\x80\x05\x96" + (1 << 40).to_bytes(8, "little") + b"."
+    yield (
+        "class changed",
+        (b"\x80\x04cmilbench.baselines.saved_trajectories\nMILBenchTrajectory\n(N}X\x03\x00\x00\x00obsK\x01stb."),
+    )
+    yield "instance changed", b"\x80\x04ccollections\nOrderedDict\n)R}X\x03\x00\x00\x00getK\x05sb."
+
+
+@pytest.mark.parametrize("name, raw", forged_pickles())
+def test_forged_pickles_are_refused_by_a_process_that_lives_on(tmp_path, name, raw):
+    path = tmp_path / "forged.pkl.gz"
+    path.write_bytes(gzip.compress(raw))
+    done = subprocess.run(
+        [sys.executable, "-c", FORGED, str(path)], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0 and "forged.pkl.gz: " in done.stdout, (name, done.stdout, done.stderr[-300:])
+
+
+def test_frames_counted_many_times_are_not_piled_up(tmp_path, monkeypatch):
+    monkeypatch.setattr(magical, "MAX_BYTES", 10 * FRAMES[0].nbytes)
+    save_trajectory(tmp_path / "demo.pkl.gz", [FRAMES[0]] * 50)
+    with pytest.raises(ImportFailure, match="50 frames are more than"):
+        list(magical.read_trajectories([tmp_path / "demo.pkl.gz"]))

@@ -322,5 +322,7 @@ def test_discrete_control_does_what_its_continuous_action_does():
         one = jit_physics(discrete.step)(start, jnp.int32(number)).pipeline_state.qpos
         other = jit_physics(continuous.step)(start, magical.action(jnp.int32(number))).pipeline_state.qpos
         np.testing.assert_allclose(one, other, atol=1e-6)
+    with pytest.raises(ValueError, match="policies act continuously"):
+        discrete.training()
     with pytest.raises(ValueError, match="control is 'keys'; allowed: 'continuous' and 'discrete'"):
         env.MatchRegions(control="keys")

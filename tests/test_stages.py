@@ -32,6 +32,9 @@ def test_rests_begin_where_moves_end(noise):
 def test_what_always_or_never_rests_has_no_stages():
     assert stages.rests(np.zeros((100, 2)), 1.0) == []
     assert stages.rests(way_with_rests([(0, 100)], 100, 0.0), 1.0) == []
+    # Nor does what only slows down.
+    slows = np.interp(np.arange(100), [0, 40, 60, 100], [0.0, 0.44, 0.55, 1.0])[:, None]
+    assert stages.rests(slows, 1.0) == []
     assert stages.rests(np.zeros((3, 2)), 1.0) == []
 
 

@@ -55,6 +55,13 @@ def test_an_object_that_returns_gets_its_slot_back():
     np.testing.assert_array_equal(mask[3], [True, True, False])
 
 
+def test_an_object_seen_late_is_not_taken_for_its_like():
+    frames = [frame(0.5, 0.2, None), frame(0.5, 0.2, None), frame(0.5, None, 0.8), frame(0.5, 0.2, 0.8)]
+    boxes, mask = track(frames, OBJECTS)
+    np.testing.assert_allclose(boxes[:, 1, 0], 0.2)
+    np.testing.assert_array_equal(mask[:, 2], [False, False, True, True])
+
+
 def test_what_finds_no_slot_is_dropped():
     boxes, mask = track([[*frame(0.5, 0.2, 0.8), Detection(1, box(0.9)), Detection(0, box(0.1))]], OBJECTS)
     assert mask.all() and boxes[0, 1, 0] == pytest.approx(0.2)

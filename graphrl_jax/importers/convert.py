@@ -10,10 +10,18 @@ from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.detection import Detector
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.importers import labels, magical, pictures
-from graphrl_jax.importers.recording import ImportFailure, Recording, Recordings
+from graphrl_jax.importers.recording import ImportFailure, Recording, Recordings, files_of
 from graphrl_jax.tracking import track
 
-FORMATS = ("magical", "frames", "video", "yolo", "corners", "coco")
+ENDINGS = {
+    "magical": (".pkl.gz",),
+    "video": pictures.VIDEOS,
+    "frames": pictures.PICTURES,
+    "coco": (".json",),
+    "yolo": (".txt",),
+    "corners": (".txt",),
+}
+FORMATS = tuple(ENDINGS)
 
 
 @dataclass(frozen=True)
@@ -45,35 +53,31 @@ class Source:
 
     def recordings(self, objects: ObjectTable) -> Recordings:
         """The recordings, read one at a time."""
-        if self.format == "yolo":
-            return labels.read_label_folders(self.path, labels.yolo_line(objects.class_names))
-        if self.format == "corners":
-            assert self.size is not None
-            return labels.read_label_folders(self.path, labels.corner_line(objects.class_ids, self.size))
-        if self.format == "coco":
-            return labels.read_coco(self.path, objects.class_names)
-        readers = {"magical": magical.read_trajectories, "frames": pictures.read_frame_folders}
-        return readers.get(str(self.format), pictures.read_videos)(self.path)
+        files = files_of(self.path, *ENDINGS[str(self.format)])
+        match self.format:
+            case "magical":
+                return magical.read_trajectories(files)
+            case "video":
+                return pictures.read_videos(files)
+            case "frames":
+                return pictures.read_frame_folders(files)
+            case "coco":
+                return labels.read_coco(files, objects.class_names)
+            case "yolo":
+                return labels.read_label_folders(files, labels.yolo_line(objects.class_names))
+        assert self.size is not None
+        return labels.read_label_folders(files, labels.corner_line(objects.class_ids, self.size))
 
 
 def guess_format(path: Path) -> str:
-    """The format of a source by the names of its files. Text files are taken for YOLO's labels.
+    """The format of a source by the names of its files, the first in `FORMATS` that is there. Text is taken for YOLO's.
 
     Raises:
       ImportFailure: no file there is of a known kind.
     """
-    for file in [path] if path.is_file() else sorted(p for p in path.rglob("*") if p.is_file()):
-        name, suffix = file.name.lower(), file.suffix.lower()
-        if name.endswith(".pkl.gz"):
-            return "magical"
-        if suffix in pictures.VIDEOS:
-            return "video"
-        if suffix in pictures.PICTURES:
-            return "frames"
-        if suffix == ".txt":
-            return "yolo"
-        if suffix == ".json" and path.is_file():
-            return "coco"
+    for name, endings in ENDINGS.items():
+        if files_of(path, *endings):
+            return name
     raise ImportFailure(f"{path} holds nothing of a known format; known formats: {', '.join(FORMATS)}")
 
 
@@ -83,7 +87,7 @@ def track_recording(
     """Boxes (T, N, 4) and mask (T, N) of a recording, seen by the detector unless it has detections already.
 
     Raises:
-      ImportFailure: it has no frames, or pictures and no detector.
+      ImportFailure: it has no frames, pictures and no detector, or nothing was seen in it.
     """
     detections: Iterable = recording.detections or []
     length = len(recording.detections or ())
@@ -93,7 +97,10 @@ def track_recording(
         detections, length = map(detector.detect, recording.frames), len(recording.frames)
     if not length:
         raise ImportFailure(f"{recording.source}: no frames")
-    return track(detections, objects)
+    boxes, mask = track(detections, objects)
+    if not mask.any():
+        raise ImportFailure(f"{recording.source}: none of the objects {', '.join(objects.names)} was seen in any frame")
+    return boxes, mask
 
 
 def demonstrations_of(

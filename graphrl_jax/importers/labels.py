@@ -1,6 +1,7 @@
 """Ready-made boxes: YOLO's text labels, corner text files, COCO's JSON."""
 
 import json
+import re
 from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,11 +11,12 @@ import numpy as np
 
 from graphrl_jax.demonstrations import BOX_RANGE
 from graphrl_jax.detection import Detection
-from graphrl_jax.importers.pictures import in_order
-from graphrl_jax.importers.recording import ImportFailure, Recording, Recordings
+from graphrl_jax.importers.recording import ImportFailure, Recording, Recordings, folders_of, in_order
 
 LineReader = Callable[[list[float], int, str], Detection]
 """Makes a detection of the numbers of a line, its number within the file (from 0), and its place for messages."""
+# Frames per file above which numbers in names cannot be those of frames.
+_MOST_SPARSE = 20
 
 
 def yolo_line(class_names: Sequence[str]) -> LineReader:
@@ -47,11 +49,17 @@ def corner_line(class_ids: Sequence[int], size: tuple[int, int]) -> LineReader:
     return read
 
 
-def read_label_folders(source: Path, read: LineReader) -> Recordings:
-    """A recording per folder that holds text files, one per frame, in order of the numbers in their names."""
-    for folder in sorted({path.parent for path in source.rglob("*.txt")}):
+def read_label_folders(files: list[Path], read: LineReader) -> Recordings:
+    """A recording per folder that holds text files, one per frame.
+
+    Where the numbers that end their names skip, the frames between have no file because nothing was seen in them.
+    """
+    for folder, paths in folders_of(files).items():
         detections = []
-        for path in in_order(folder.glob("*.txt")):
+        for path in _with_gaps(folder, paths):
+            if path is None:
+                detections.append([])
+                continue
             lines = [line for line in path.read_text(errors="replace").splitlines() if line.strip()]
             detections.append(
                 [read(_numbers(line, path, i), i, f"{path}, line {i + 1}") for i, line in enumerate(lines)]
@@ -61,17 +69,22 @@ def read_label_folders(source: Path, read: LineReader) -> Recordings:
         yield Recording(folder, detections=seen)
 
 
-def read_coco(path: Path, class_names: Sequence[str]) -> Recordings:
+def read_coco(files: list[Path], class_names: Sequence[str]) -> Recordings:
     """A recording per folder that COCO's `images` name; frames in order of the numbers in their names.
 
     `annotations` hold `image_id`, `category_id` and `bbox` (x0, y0, w, h in pixels), `categories` name the classes.
     """
+    for path in files:
+        yield from _read_coco(path, class_names)
+
+
+def _read_coco(path: Path, class_names: Sequence[str]) -> Recordings:
     try:
         content = json.loads(path.read_text())
         names = {category["id"]: category["name"] for category in content["categories"]}
         images = {image["id"]: image for image in content["images"]}
-        annotations = content["annotations"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        annotations = list(content["annotations"])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise ImportFailure(f"{path}: not COCO's JSON: {error}") from None
     found: dict[Any, list[Detection]] = defaultdict(list)
     for number, annotation in enumerate(annotations):
@@ -93,6 +106,22 @@ def read_coco(path: Path, class_names: Sequence[str]) -> Recordings:
     for folder in sorted(folders):
         keys = dict(folders[folder])
         yield Recording(path / folder, detections=[found[keys[name]] for name in in_order(keys)])
+
+
+def _with_gaps(folder: Path, paths: list[Path]) -> list[Path | None]:
+    """The files by frame, None where there is none; as they are if their names end in no numbers."""
+    ends = [re.search(r"(\d+)$", path.stem) for path in paths]
+    numbers = [int(end[1]) for end in ends if end]
+    if len(set(numbers)) < len(paths):
+        return list(paths)
+    step = min(np.diff(numbers), default=1)
+    frames = (numbers[-1] - numbers[0]) // step + 1
+    if any((number - numbers[0]) % step for number in numbers) or frames > _MOST_SPARSE * len(paths):
+        raise ImportFailure(
+            f"{folder}: the files' numbers skip from {numbers[0]} to {numbers[-1]} in {len(paths)} files"
+        )
+    by_frame = dict(zip(((number - numbers[0]) // step for number in numbers), paths, strict=True))
+    return [by_frame.get(frame) for frame in range(frames)]
 
 
 def _numbers(line: str, path: Path, index: int) -> list[float]:

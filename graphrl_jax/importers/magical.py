@@ -1,40 +1,82 @@
 """MAGICAL's demonstrations, `.pkl.gz`, read without running what a pickle could tell Python to run.
 
-A pickle names the functions that rebuild it. Those of MAGICAL need a few of numpy's, and one class of a package that
-nobody needs to have installed; every other name is refused before it is looked up. A limit keeps a small file from
-filling the memory.
+A pickle names the functions that rebuild it. Here every name outside a short list is refused before it is looked up,
+and those on the list stand for functions of ours: no numpy object is built by the file itself, since a forged dtype
+alone would let it point anywhere into memory. Arrays are made of the bytes that are there, of plain numbers only.
 """
 
 import gzip
 import io
+import math
 import pickle
 from collections import OrderedDict, namedtuple
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy._core.multiarray import _reconstruct, scalar
 
 from graphrl_jax.importers.recording import ImportFailure, Recording, Recordings
 
 VIEW = "allo"
 """The view from above; the robot's own is `ego`."""
 MAX_BYTES = 1 << 30
+_NUMBERS = ("b1", "u1", "i4", "i8", "f4", "f8")
 _Trajectory = namedtuple("_Trajectory", ("acts", "obs", "rews", "infos"))
-_TRAJECTORY = ("milbench.baselines.saved_trajectories", "MILBenchTrajectory")
+
+
+class _Number:
+    """Stands for a numpy dtype: one of `_NUMBERS`."""
+
+    def __init__(self, code: str, *_: Any):
+        if code not in _NUMBERS:
+            raise pickle.UnpicklingError(f"it holds numbers of kind {code!r}; allowed: {', '.join(_NUMBERS)}")
+        self.dtype = np.dtype(code)
+
+    def build(self, state: Any) -> None:
+        """Takes the only state that plain numbers have, of either byte order."""
+        if tuple(state)[2:] != (None, None, None, -1, -1, 0) or state[1] not in ("<", "|", ">", "="):
+            raise pickle.UnpicklingError("it holds numbers of an unusual kind")
+        self.dtype = self.dtype.newbyteorder(state[1]) if state[1] in "<>" else self.dtype
+
+
+class _Array:
+    """Stands for a numpy array: `value` once it has been built."""
+
+    value: np.ndarray | None = None
+
+    def build(self, state: Any) -> None:
+        """Makes the array of its version, shape, kind of number, order and bytes."""
+        _, shape, number, fortran, data = state
+        if not isinstance(number, _Number) or not isinstance(data, bytes) or not all(type(n) is int for n in shape):
+            raise pickle.UnpicklingError("it holds an array of other things than numbers")
+        if min(shape, default=0) < 0 or math.prod(shape) * number.dtype.itemsize != len(data):
+            raise pickle.UnpicklingError(f"it holds an array of shape {shape} in {len(data)} bytes")
+        self.value = np.frombuffer(data, number.dtype).reshape(shape, order="F" if fortran else "C")
+
+
+def _scalar(number: Any, data: bytes) -> float | int:
+    """Stands for numpy's way to a single number."""
+    return np.frombuffer(data, number.dtype, count=1)[0].item()
+
+
+_NUMPY: dict[str, Callable[..., Any]] = {"_reconstruct": lambda *_: _Array(), "scalar": _scalar}
 _ALLOWED: dict[tuple[str, str], Any] = {
-    _TRAJECTORY: _Trajectory,
+    ("milbench.baselines.saved_trajectories", "MILBenchTrajectory"): _Trajectory,
     ("magical.saved_trajectories", "MAGICALTrajectory"): _Trajectory,
     ("collections", "OrderedDict"): OrderedDict,
-    ("numpy", "ndarray"): np.ndarray,
-    ("numpy", "dtype"): np.dtype,
-    **{(f"numpy.{core}.multiarray", "_reconstruct"): _reconstruct for core in ("core", "_core")},
-    **{(f"numpy.{core}.multiarray", "scalar"): scalar for core in ("core", "_core")},
+    ("numpy", "ndarray"): None,  # an argument only
+    ("numpy", "dtype"): _Number,
+    **{(f"numpy.{core}.multiarray", name): made for core in ("core", "_core") for name, made in _NUMPY.items()},
 }
+# Ways to fill the memory, to reach outside, or to build what is not above.
+_REFUSED = (
+    pickle.BYTEARRAY8, pickle.NEXT_BUFFER, pickle.READONLY_BUFFER, pickle.PERSID, pickle.BINPERSID, pickle.EXT1,
+    pickle.EXT2, pickle.EXT4, pickle.INST, pickle.OBJ, pickle.NEWOBJ_EX,
+)  # fmt: skip
 
 
-class _Unpickler(pickle.Unpickler):
+class _Unpickler(pickle._Unpickler):  # the one in C keeps a table as long as the file says
     """Rebuilds nothing but what MAGICAL's files are made of."""
 
     def find_class(self, module_name: str, global_name: str) -> Any:
@@ -42,8 +84,21 @@ class _Unpickler(pickle.Unpickler):
             raise pickle.UnpicklingError(f"it asks for {module_name}.{global_name}, which is not allowed")
         return _ALLOWED[module_name, global_name]
 
-    def persistent_load(self, pid: Any) -> Any:
-        raise pickle.UnpicklingError("it refers to objects outside itself, which is not allowed")
+    def load_build(self) -> None:
+        state = self.stack.pop()
+        built = self.stack[-1]
+        if type(built) not in (_Number, _Array):
+            raise pickle.UnpicklingError(f"it changes a {type(built).__name__}, which is not allowed")
+        built.build(state)
+
+    def refuse(self) -> None:
+        raise pickle.UnpicklingError("it is written in a way that MAGICAL's files are not")
+
+    dispatch = {
+        **pickle._Unpickler.dispatch,
+        pickle.BUILD[0]: load_build,
+        **dict.fromkeys([opcode[0] for opcode in _REFUSED], refuse),
+    }
 
 
 def load_trajectory(path: Path) -> dict[str, Any]:
@@ -56,13 +111,9 @@ def load_trajectory(path: Path) -> dict[str, Any]:
         with gzip.open(path) as file:
             raw = file.read(MAX_BYTES + 1)
         if len(raw) > MAX_BYTES:
-            raise ImportFailure(f"{path}: more than {MAX_BYTES >> 20} MB unpacked; no demonstration is that large")
+            raise pickle.UnpicklingError(f"more than {MAX_BYTES >> 20} MB unpacked")
         content = _Unpickler(io.BytesIO(raw)).load()
-    except ImportFailure:
-        raise
-    except (
-        Exception
-    ) as error:  # a broken stream makes the unpickler raise almost anything, and all of it means the same
+    except Exception as error:  # a broken stream makes the unpickler raise almost anything, and it all means the same
         raise ImportFailure(f"{path}: no trajectory of MAGICAL's: {error or type(error).__name__}") from None
     if not isinstance(content, dict) or not isinstance(content.get("trajectory"), _Trajectory):
         raise ImportFailure(f"{path}: holds no field 'trajectory' as MAGICAL's files do")
@@ -73,28 +124,31 @@ def frames_of(content: dict[str, Any], path: Path) -> np.ndarray:
     """Frames (T, H, W, 3) uint8 of the view from above.
 
     Raises:
-      ImportFailure: there are none, or they are no pictures of one size.
+      ImportFailure: there are none, they are no pictures of one size, or there are more than files have room for.
     """
     observations = content["trajectory"].obs
-    if not isinstance(observations, Sequence) or not observations:
+    if not isinstance(observations, list) or not observations:
         raise ImportFailure(f"{path}: obs is empty; allowed: one frame or more")
-    frames = []
+    frames: list[np.ndarray] = []
     for number, observation in enumerate(observations):
         frame = observation.get(VIEW) if isinstance(observation, dict) else None
-        good = isinstance(frame, np.ndarray) and frame.dtype == np.uint8 and frame.ndim == 3 and frame.shape[2] == 3
-        if not good or (frames and frame.shape != frames[0].shape):
+        frame = frame.value if isinstance(frame, _Array) else None
+        good = frame is not None and frame.dtype == np.uint8 and frame.ndim == 3 and frame.shape[2] == 3
+        if frame is None or not good or (frames and frame.shape != frames[0].shape):
             raise ImportFailure(
                 f"{path}: obs[{number}][{VIEW!r}] is no (H, W, 3) uint8 picture of the first one's size"
             )
+        if len(observations) * frame.nbytes > MAX_BYTES:
+            raise ImportFailure(f"{path}: {len(observations)} frames are more than {MAX_BYTES >> 20} MB")
         frames.append(frame)
     return np.stack(frames)
 
 
-def read_trajectories(source: Path) -> Recordings:
-    """Recordings of a `.pkl.gz` file or of all in a folder, in order of their names."""
-    for path in [source] if source.is_file() else sorted(source.glob("*.pkl.gz")):
+def read_trajectories(files: list[Path]) -> Recordings:
+    """A recording of every `.pkl.gz` file."""
+    for path in files:
         content = load_trajectory(path)
         score = content.get("score")
-        if not isinstance(score, float | int | np.floating):
-            raise ImportFailure(f"{path}: score is {score!r}; allowed: a number")
-        yield Recording(path, frames_of(content, path), success=bool(score >= 1.0))
+        if not isinstance(score, float | int) or not math.isfinite(score):
+            raise ImportFailure(f"{path}: score is of type {type(score).__name__}; allowed: a finite number")
+        yield Recording(path, frames_of(content, path), success=score >= 1.0)

@@ -1,35 +1,36 @@
 """Videos, and folders of frames as XIRL's datasets have them: one folder per demonstration, frames named by number."""
 
-import re
 from pathlib import Path
 
 import imageio.v3 as imageio
 import numpy as np
 
-from graphrl_jax.importers.recording import ImportFailure, Recording, Recordings
+from graphrl_jax.importers.recording import ImportFailure, Recording, Recordings, folders_of
 
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp")
 VIDEOS = (".mp4", ".gif", ".avi", ".mov", ".mkv", ".webm")
 
 
-def read_videos(source: Path) -> Recordings:
-    """Recordings of a video file or of all in a folder, in order of their names."""
-    for path in [source] if source.is_file() else sorted(p for p in source.iterdir() if p.suffix.lower() in VIDEOS):
+def read_videos(files: list[Path]) -> Recordings:
+    """A recording of every video file."""
+    for path in files:
         try:
             frames = np.asarray(imageio.imread(path, index=None))
+            about = imageio.immeta(path, exclude_applied=False)
         except Exception as error:  # every plugin has its own
             raise ImportFailure(f"{path}: no video that can be read: {error or type(error).__name__}") from None
         if frames.ndim != 4 or not len(frames):
             raise ImportFailure(f"{path}: a video without frames")
-        yield Recording(path, _colour(frames, path))
+        # A gif says how many milliseconds a frame lasts.
+        rate = about.get("fps") or 1000 / (about.get("duration") or np.inf)
+        yield Recording(path, _colour(frames, path), frame_rate=rate or None)
 
 
-def read_frame_folders(source: Path) -> Recordings:
-    """A recording per folder that holds pictures, at any depth, in order of their names."""
-    folders = sorted({path.parent for path in source.rglob("*") if path.suffix.lower() in PICTURES})
-    for folder in folders:
+def read_frame_folders(files: list[Path]) -> Recordings:
+    """A recording per folder that holds pictures, its frames in the order given."""
+    for folder, paths in folders_of(files).items():
         frames: list[np.ndarray] = []
-        for path in in_order(p for p in folder.iterdir() if p.suffix.lower() in PICTURES):
+        for path in paths:
             try:
                 frame = _colour(np.asarray(imageio.imread(path))[None], path)[0]
             except ImportFailure:
@@ -41,11 +42,6 @@ def read_frame_folders(source: Path) -> Recordings:
                 raise ImportFailure(f"{path}: the frame is {sizes[0]}, but the folder's first one {sizes[1]}")
             frames.append(frame)
         yield Recording(folder, np.stack(frames))
-
-
-def in_order(paths) -> list[Path]:
-    """Paths by the numbers in their names: 2 before 10."""
-    return sorted(paths, key=lambda path: [int(p) if p.isdigit() else p for p in re.split(r"(\d+)", path.name)])
 
 
 def _colour(frames: np.ndarray, path: Path) -> np.ndarray:

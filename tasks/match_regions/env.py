@@ -91,7 +91,8 @@ class MatchRegions(Task):
       physics, reward: constants.
       targets_in_order: observe the target to see to first; otherwise the star always comes first.
       varied: share of training episodes that start part of the way to the goal (see `layouts.Training`).
-      control: `discrete` takes MAGICAL's actions by number, () int, instead of ours (see `magical.action`).
+      control: `discrete` takes MAGICAL's actions by number, () int, instead of ours (see `magical.action`): for replays
+        and planners; policies and the expert act continuously.
 
     Raises:
       ValueError: another control.
@@ -176,6 +177,8 @@ class MatchRegions(Task):
         return jnp.append(placed, placed.all())
 
     def training(self) -> "MatchRegions":
+        if self.control == "discrete":
+            raise ValueError("policies act continuously; allowed: control 'continuous'")
         return self._changed(layout=layouts.Training(self.layout, self.varied))
 
     def with_reward(self, **changes: float) -> "MatchRegions":
@@ -192,7 +195,7 @@ class MatchRegions(Task):
     def demonstrate(self, key: jax.Array, successes: int, failures: int = 0) -> Demonstrations:
         from tasks.match_regions.expert import demonstrate
 
-        return demonstrate(self, key, successes, failures)
+        return demonstrate(self._changed(control="continuous"), key, successes, failures)
 
     def draw_episode(
         self, states: Any, boxes: np.ndarray, mask: np.ndarray, active: np.ndarray, rewards: np.ndarray, label: str
