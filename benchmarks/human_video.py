@@ -20,6 +20,7 @@ import tyro
 from benchmarks.context import measured_on
 from graphrl_jax.importers.convert import track_recording
 from graphrl_jax.importers.magical import read_trajectories
+from graphrl_jax.importers.recording import files_of
 from graphrl_jax.runs import write_json
 from tasks.match_regions import geometry, magical
 from tasks.match_regions.env import OBJECTS
@@ -72,7 +73,7 @@ def main() -> None:
     truth = np.load(options.folder / "truth.npz")
     detector = magical.detector()
     found, masks, seconds = [], [], []
-    recordings = list(read_trajectories(options.folder))
+    recordings = list(read_trajectories(files_of(options.folder, ".pkl.gz")))
     for recording in recordings:
         started = time.perf_counter()
         boxes, mask = track_recording(recording, OBJECTS, detector)
