@@ -219,7 +219,8 @@ def main() -> None:
     options = tyro.cli(Options, description=__doc__)
     configure()
     # The programs run for seconds and would be compiled for minutes. Nothing here is timed.
-    os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_cpu_use_fusion_emitters=false"
+    if jax.__version_info__ < (0, 11):
+        os.environ["XLA_FLAGS"] = os.environ.get("XLA_FLAGS", "") + " --xla_cpu_use_fusion_emitters=false"
     jax.config.update("jax_disable_most_optimizations", True)
     supply_device_put_replicated()
     started = time.perf_counter()

@@ -8,15 +8,17 @@ from pathlib import Path
 import jax
 import jax.monitoring
 
-# On CPU, jax 0.10's fusion emitters recompute a kinematic chain once per use, which made vmapped MJX kinematics
-# over 200 times slower and its compilation minutes long. These options are ignored on other devices.
-#
-# On CPU, jaxlib 0.10's batched Cholesky hands its work to the thread pool it runs on and waits for it. Where two run at
-# once, as MJX's implicit integrator lets them, all threads wait and the program hangs: seen on two cores with 64
-# environments of Shoes in Box. One thread per program is no slower here (7,160 steps/s of PPO against 6,600 with two).
-jit_physics = partial(
-    jax.jit, compiler_options={"xla_cpu_use_fusion_emitters": False, "xla_cpu_multi_thread_eigen": False}
-)
+# On CPU, jaxlib's batched Cholesky hands its work to the thread pool it runs on and waits for it. Where two run at
+# once, as MJX's implicit integrator lets them, all threads wait and the program hangs: seen with jaxlib 0.10.2 on two
+# cores and 64 environments of Shoes in Box. One thread per program is no slower here (7,160 steps/s of PPO against
+# 6,600).
+_OPTIONS = {"xla_cpu_multi_thread_eigen": False}
+if jax.__version_info__ < (0, 11):
+    # Its fusion emitters recompute a kinematic chain once per use, which made vmapped MJX kinematics over 200 times
+    # slower and its compilation minutes long. Later ones do not, and no longer know the option.
+    _OPTIONS["xla_cpu_use_fusion_emitters"] = False
+# These options are ignored on other devices.
+jit_physics = partial(jax.jit, compiler_options=_OPTIONS)
 """`jax.jit` for programs that contain MJX physics."""
 
 _KEEP_BYTES = 1 << 34

@@ -109,7 +109,8 @@ class ColourDetector:
         for number, group in enumerate(self._groups.values()):
             code = 2 * number + 1
             if group[0].reach is None:
-                whole = _whole((codes == code) | (codes == code + 1), SPECK * height * width)
+                parts = (codes == code) | (codes == code + 1) if group[0].outline else codes == code
+                whole = _whole(parts, SPECK * height * width)
                 found += [] if whole is None else [(group[0].class_id, whole)]
             else:
                 found += self._shapes(codes, code, group, self.smallest * height * width, self.line * width)
@@ -136,7 +137,7 @@ class ColourDetector:
             inside = np.pad(labels[rows, columns] == label, reach)
             corner = rows.start - reach, columns.start - reach
             around = _window(codes, top + corner[0], left + corner[1], inside.shape)
-            near = ndimage.maximum_filter(inside, size=2 * reach + 1)
+            near = ndimage.maximum_filter(inside.view(np.uint8), size=2 * reach + 1).view(bool)
             others = large[_window(labels, *corner, inside.shape)] & ~inside
             if others.any():  # a line between two objects is shared out
                 near &= ndimage.distance_transform_edt(~inside) <= ndimage.distance_transform_edt(~others)
@@ -159,8 +160,10 @@ def _closest(group: list[Look], shape: np.ndarray) -> Look:
 
 def _packed(colours: np.ndarray) -> np.ndarray:
     """Colours (..., 3) uint8 as (...) uint16, five bits a channel."""
-    high = colours >> 3
-    return (high[..., 0].astype(np.uint16) << 10) | (high[..., 1].astype(np.uint16) << 5) | high[..., 2]
+    packed = np.left_shift(colours[..., 0] & 0xF8, 7, dtype=np.uint16)
+    packed |= np.left_shift(colours[..., 1] & 0xF8, 2, dtype=np.uint16)
+    packed |= colours[..., 2] >> 3
+    return packed
 
 
 def _whole(mask: np.ndarray, least: float) -> np.ndarray | None:
