@@ -10,7 +10,7 @@ from typing import Any
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
-END = "<!-- end of results -->"
+BEGIN, END = "<!-- results: written by a script from result files -->\n", "<!-- end of results -->"
 METHODS = {
     "env": "environmental reward, with the reach term",
     "graph": "graph reward, w/o robot",
@@ -171,13 +171,13 @@ def human_table() -> str:
         "detector's boxes, overlap with the true ones": result["iou"],
         "our task's boxes of the same states": result["iou_of_our_tasks_boxes"],
     }
-    names = [name.replace("_", " ") for name in result["iou"]]
+    names, speed = [name.replace("_", " ") for name in result["iou"]], result["frames_per_second"]
     rows = [f"| | {' | '.join(names)} |", "|---" * (len(names) + 1) + "|"]
     rows += [f"| {label} | {' | '.join(f'{value:.3f}' for value in row.values())} |" for label, row in overlaps.items()]
     summary = (
         f"{result['demonstrations']} demonstrations, {result['frames']} frames: {result['found']:.1%} of the objects "
-        f"found, {result['identity_switches']} identity switches, {result['frames_per_second']['one_thread']:.0f} "
-        f"frames/s with tracking on one core {_where(result)}"
+        f"found, {result['identity_switches']} identity switches; with tracking {speed['one_core']:.0f} frames/s on one "
+        f"core, {speed['all_cores']:.0f} on all {_where(result)}"
     )
     return "\n".join([*rows, "", summary])
 
@@ -214,19 +214,24 @@ BLOCKS: dict[str, tuple[Callable[[], str], ...]] = {
 }
 
 
-def updated(text: str) -> str:
-    """A text with the tables of every block, between its two markers, written anew.
+def updated(text: str, tables: str, begin: str = BEGIN) -> str:
+    """A text with the tables between its two markers written anew.
 
     Raises:
       ValueError: a marker is missing.
     """
+    before, found, rest = text.partition(begin)
+    _, end, after = rest.partition(END)
+    if not found or not end:
+        raise ValueError(f"the text lacks one of the markers {begin.strip()!r} and {END!r}")
+    return f"{before}{begin}\n{tables}\n{END}{after}"
+
+
+def with_tables(text: str) -> str:
+    """The README's text with the tables of every block written anew."""
     for name, tables in BLOCKS.items():
-        begin = f"<!-- results of {name}: written by a script from result files -->\n"
-        before, found, rest = text.partition(begin)
-        _, end, after = rest.partition(END)
-        if not found or not end:
-            raise ValueError(f"the text lacks one of the markers {begin.strip()!r} and {END!r}")
-        text = f"{before}{begin}\n{chr(10).join(table() + chr(10) for table in tables)}\n{END}{after}"
+        begin = BEGIN.replace("results", f"results of {name}", 1)
+        text = updated(text, "\n\n".join(table() for table in tables) + "\n", begin)
     return text
 
 
@@ -237,4 +242,4 @@ def _result(name: str) -> dict[str, Any] | None:
 
 if __name__ == "__main__":
     readme = ROOT / "README.md"
-    readme.write_text(updated(readme.read_text()))
+    readme.write_text(with_tables(readme.read_text()))

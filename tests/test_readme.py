@@ -5,4 +5,4 @@ from benchmarks import readme
 
 def test_tables_are_those_of_the_result_files():
     text = (readme.ROOT / "README.md").read_text()
-    assert readme.updated(text) == text
+    assert readme.with_tables(text) == text
