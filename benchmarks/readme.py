@@ -176,8 +176,8 @@ def human_table() -> str:
     rows += [f"| {label} | {' | '.join(f'{value:.3f}' for value in row.values())} |" for label, row in overlaps.items()]
     summary = (
         f"{result['demonstrations']} demonstrations, {result['frames']} frames: {result['found']:.1%} of the objects "
-        f"found, {result['identity_switches']} identity switches; with tracking {speed['one_core']:.0f} frames/s on one "
-        f"core, {speed['all_cores']:.0f} on all {_where(result)}"
+        f"found, {result['identity_switches']} identity switches; with tracking {speed['one_core']:.0f} frames/s on "
+        f"one core, {speed['all_cores']:.0f} on all {_where(result)}"
     )
     return "\n".join([*rows, "", summary])
 
