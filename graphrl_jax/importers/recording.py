@@ -45,7 +45,10 @@ def files_of(source: Path, *endings: str) -> list[Path]:
 
 def folders_of(files: list[Path]) -> dict[Path, list[Path]]:
     """Files by the folder they lie in, in order."""
-    return {folder: [path for path in files if path.parent == folder] for folder in in_order({p.parent for p in files})}
+    folders: dict[Path, list[Path]] = {}
+    for path in files:
+        folders.setdefault(path.parent, []).append(path)
+    return {folder: folders[folder] for folder in in_order(folders)}
 
 
 def in_order(paths: Iterable[Path]) -> list[Path]:
