@@ -182,6 +182,13 @@ def human_table() -> str:
     return "\n".join([*rows, "", summary])
 
 
+FIDELITY_ROWS = (
+    ("share of whole replays that solve the task", "replays", "solved"),
+    ("free motion, position: median", "free_motion", "position_median"),
+    ("free motion, position: greatest", "free_motion", "position_max"),
+    ("free motion, heading (rad): median", "free_motion", "heading_median"),
+    ("free motion, heading (rad): greatest", "free_motion", "heading_max"),
+)
 FIDELITY_KINDS = ("carried", "dragged", "open", "all")
 
 
@@ -190,19 +197,21 @@ def fidelity_table() -> str:
     result = _result("magical_fidelity")
     if result is None:
         return ""
-    free, ten = result["free_motion"], result["predictions"]["10_steps"]
-    shown = {
-        "free motion, position": (free["position_median"], free["position_max"]),
-        "free motion, heading (rad)": (free["heading_median"], free["heading_max"]),
-        **{f"ten steps on, block {kind}": (ten[kind]["p50"], ten[kind]["p90"]) for kind in FIDELITY_KINDS},
-    }
-    rows = ["| recorded actions in our task: error | median | free motion: greatest; else 90 % |", "|---|---|---|"]
-    rows += [f"| {label} | {median:.3f} | {high:.3f} |" for label, (median, high) in shown.items()]
-    replays = result["replays"]
+    variants = result["variants"]
+    rows = [f"| recorded actions in our task: error | {' | '.join(variants)} |", "|---" * (len(variants) + 1) + "|"]
+    for label, section, measure in FIDELITY_ROWS:
+        rows.append(f"| {label} | {' | '.join(f'{v[section][measure]:.3f}' for v in variants.values())} |")
+    for kind in FIDELITY_KINDS:
+        errors = [variant["predictions"]["10_steps"][kind] for variant in variants.values()]
+        shown = " | ".join(f"{error['p50']:.3f} ({error['p90']:.3f})" for error in errors)
+        rows.append(f"| ten steps on, block {kind}: median (90 %) | {shown} |")
+    seconds = [f"{variant['replay_s']:.1f}" for variant in variants.values()]
+    rows.append(f"| seconds for the replays | {' | '.join(seconds)} |")
+    replays = variants["default"]["replays"]
     summary = (
-        f"Blocks move by {ten['way_median']:.2f} in ten steps (median). Whole replays solve the task in "
-        f"{replays['solved']:.0%} of {replays['starts']} starts nudged by {replays['nudge']:g}; MAGICAL's own in "
-        f"{replays['magical_itself']['solved']:.0%}, nudged by {replays['magical_itself']['nudge']:g} {_where(result)}"
+        f"Share of {replays['starts']} replays, their starts nudged by {replays['nudge']:g}, that solve the task; "
+        f"MAGICAL's own, nudged by {replays['magical_itself']['nudge']:g}: {replays['magical_itself']['solved']:.2f} "
+        f"{_where(result)}"
     )
     return "\n".join([*rows, "", summary])
 

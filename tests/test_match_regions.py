@@ -13,7 +13,7 @@ from graphrl_jax.compilation import jit_physics
 from graphrl_jax.wrappers import EnvironmentReward
 from tasks.match_regions import env, geometry, layouts, magical
 from tasks.match_regions.expert import FAILURES
-from tasks.match_regions.model import CONTROL_DT, FINGER_OPEN, Physics, build_model
+from tasks.match_regions.model import CONTROL_DT, DRIVEN_MASS, FAITHFUL, FINGER_OPEN, Physics, build_model
 
 TRUTH = Path(os.environ.get("GRAPHRL_DATA", Path(__file__).parents[2] / "shared" / "data"))
 TRUTH = TRUTH / "magical_match_regions" / "truth.npz"
@@ -313,6 +313,16 @@ def test_magicals_actions_by_number():
     np.testing.assert_array_equal(actions[[0, 1, 2, 3, 6, 9, 13]], [
         [0, 0, 1], [1, 0, 1], [-1, 0, 1], [0, 1, 1], [0, -1, 1], [0, 0, -1], [1, 1, -1],
     ])  # fmt: skip
+
+
+def test_a_drive_limited_along_the_heading_gains_the_same_speed_in_all_directions():
+    task = env.MatchRegions(physics=FAITHFUL)
+    start = task.reset(jax.random.key(0)).pipeline_state
+    gained = FAITHFUL.drive_force / DRIVEN_MASS * CONTROL_DT
+    for angle in (0.0, 0.8):
+        away = start._replace(qpos=start.qpos.at[:3].set(jnp.array([0.3, 0.3, angle])))
+        velocity = jit_physics(task.advance)(away, jnp.array([1.0, 0.0, 1.0])).qvel[:2]
+        np.testing.assert_allclose(velocity, gained * geometry.heading(jnp.float32(angle)), atol=0.02)
 
 
 def test_discrete_control_does_what_its_continuous_action_does():

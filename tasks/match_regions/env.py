@@ -31,11 +31,19 @@ from mujoco import mjx
 
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.detection import Detector
-from graphrl_jax.graph import ObjectTable
+from graphrl_jax.graph import ObjectTable, safe_norm
 from graphrl_jax.landscape import Landscape
 from graphrl_jax.task import Task
 from tasks.match_regions import geometry, layouts, magical
-from tasks.match_regions.model import BLOCK_NAMES, CONTROL_DT, FINGER_OPEN, ROBOT_RADIUS, Physics, build_model
+from tasks.match_regions.model import (
+    BLOCK_NAMES,
+    CONTROL_DT,
+    DRIVEN_MASS,
+    FINGER_OPEN,
+    ROBOT_RADIUS,
+    Physics,
+    build_model,
+)
 
 NUM_TARGETS = 2
 FORWARD_SPEED, BACKWARD_SPEED, TURN_RATE, FINGER_RATE = 4 * ROBOT_RADIUS, 3 * ROBOT_RADIUS, 2.5, 1.0
@@ -159,7 +167,7 @@ class MatchRegions(Task):
         def substep(carry: tuple, _: None) -> tuple:
             qpos, qvel, warmstart = carry
             finger_rates = jnp.clip((finger_targets - qpos[3:5]) / CONTROL_DT, -FINGER_RATE, FINGER_RATE)
-            velocity = speed * geometry.heading(qpos[2])
+            velocity = self._drive(speed * geometry.heading(qpos[2]), qvel[:2])
             ctrl = jnp.concatenate([velocity, action[1:2] * TURN_RATE, finger_rates])
             data = self._template.replace(qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=ctrl)
             data = mjx.step(self._model, data)
@@ -168,6 +176,15 @@ class MatchRegions(Task):
         carry = (state.qpos, state.qvel, state.warmstart)
         (qpos, qvel, warmstart), _ = jax.lax.scan(substep, carry, None, length=self.physics.substeps)
         return PhysicsState(qpos, qvel, warmstart, state.initial_distance)
+
+    def _drive(self, wanted: jax.Array, velocity: jax.Array) -> jax.Array:
+        """Velocity (2,) that the servos of both axes are told."""
+        if not self.physics.heading_drive:
+            return wanted
+        # A servo gains what it lacks within one sub-step, unless its force is limited: here, that of both together.
+        change = wanted - velocity
+        most = self.physics.drive_force / DRIVEN_MASS * CONTROL_DT / self.physics.substeps
+        return velocity + change * jnp.minimum(1.0, most / jnp.maximum(safe_norm(change), 1e-6))
 
     def boxes(self, state: State) -> tuple[jax.Array, jax.Array]:
         return boxes(state.pipeline_state.qpos)

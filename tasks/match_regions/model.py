@@ -14,6 +14,7 @@ ARENA_HALF = 1.0
 ROBOT_RADIUS = 0.2
 ROBOT_MASS = 1.0
 FINGER_MASS = 1.0 / 8.0
+DRIVEN_MASS = ROBOT_MASS + 2 * FINGER_MASS
 FINGER_HINGE = (0.45 * ROBOT_RADIUS, 0.1 * ROBOT_RADIUS)
 FINGER_UPPER = 1.1 * ROBOT_RADIUS
 FINGER_LOWER = 0.7 * ROBOT_RADIUS
@@ -32,6 +33,7 @@ class Physics:
     """Simulation settings (static: they shape the compiled program).
 
     Forces are in arena units: MAGICAL limits the force of a joint's motor and of the dry friction under a block.
+    `heading_drive` limits the drive along the robot's heading, as MAGICAL does, instead of along each axis.
     """
 
     substeps: int = 3
@@ -47,6 +49,13 @@ class Physics:
     finger_friction: float = 2.5
     finger_armature: float = 0.05
     contact_time_constant: float = 2.0
+    heading_drive: bool = False
+
+
+FAITHFUL = Physics(
+    substeps=6, iterations=4, ls_iterations=8, max_contact_points=10, block_damping=0.0, heading_drive=True
+)
+"""Nearer to MAGICAL, and slower; see `benchmarks/magical_fidelity.py`."""
 
 
 def _slide_joints(name: str, reach: float, frictionloss: float = 0.0, damping: float = 0.0) -> str:
@@ -114,12 +123,11 @@ def _walls() -> str:
 def scene_xml(physics: Physics) -> str:
     """MJCF of the scene; joint order: robot x, y, theta, left finger, right finger, then x, y, theta per block."""
     timestep = CONTROL_DT / physics.substeps
-    mass = ROBOT_MASS + 2 * FINGER_MASS
     inertia = 0.5 * ROBOT_MASS * ROBOT_RADIUS**2
     total_inertia = inertia + 2 * FINGER_MASS * ((FINGER_UPPER * 0.8 + FINGER_HINGE[1]) ** 2 + FINGER_HINGE[0] ** 2)
     finger_inertia = FINGER_MASS * (FINGER_UPPER * 0.8) ** 2 + 0.0015 + physics.finger_armature
     # Velocity servos whose gain reaches the commanded speed within one sub-step, up to the motor's limit.
-    drive, turn, grip = mass / timestep, total_inertia / timestep, finger_inertia / timestep
+    drive, turn, grip = DRIVEN_MASS / timestep, total_inertia / timestep, finger_inertia / timestep
 
     def servo(joint: str, gain: float, limit: float) -> str:
         return f'<velocity joint="{joint}" kv="{gain}" forcelimited="true" forcerange="{-limit} {limit}"/>'
