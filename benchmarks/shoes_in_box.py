@@ -36,7 +36,7 @@ RESULTS = Path("benchmarks/results")
 TRAINING_SEED, VALIDATION_SEED, LAYOUT_SEED = 0, 1007, 1008
 REWARDS: dict[str, dict[str, float]] = {
     "graph": {},
-    "graph_with_robot": {"suppress_robot": 0.0, "robot_messages": 1.0},
+    "graph_with_robot": pipeline.WITH_ROBOT,
     "graph_robot_heard": {"robot_messages": 1.0},
 }
 """Floats of pretraining by which each reward differs from the task's: ours w/o and w/ robot, and the robot left out of

@@ -94,10 +94,11 @@ def rearrange(
     """
     end_key, way_key, place_key, bump_key, before_key, trip_key, act_key = jax.random.split(key, 7)
     robot, fixture = objects.robot_flags(), objects.fixture_flags()
-    carried = _carried(motion, robot, fixture)
+    within = _within(motion, fixture)
+    carried = _carried(motion, within, robot, fixture)
     here, there = jax.random.uniform(place_key, (2, *robot.shape, 2), minval=_MARGIN, maxval=1 - _MARGIN)
 
-    ends = _ends(end_key, motion, fixture)
+    ends = _ends(end_key, motion, within)
     total = jnp.sum(jnp.where(carried, safe_norm(motion.last[:, :2] - motion.first[:, :2]), 0.0))
     starts = _starts(way_key, ends, total, carried)
     robot_size = jnp.max(jnp.where(robot[:, None], motion.first[:, 2:], 0.0))
@@ -122,17 +123,16 @@ def _within(motion: Motion, fixture: jax.Array) -> jax.Array:
     return jnp.all(jnp.abs(centres[:, None] - centres) <= sizes / 2, axis=-1) & fixture
 
 
-def _carried(motion: Motion, robot: jax.Array, fixture: jax.Array) -> jax.Array:
+def _carried(motion: Motion, within: jax.Array, robot: jax.Array, fixture: jax.Array) -> jax.Array:
     """What was brought somewhere, (N,) bool: what was moved, or of that only what ended in a fixture, if any did."""
     moved = motion.moved & ~robot & ~fixture
-    brought = moved & _within(motion, fixture).any(axis=1)
+    brought = moved & within.any(axis=1)
     return jnp.where(brought.any(), brought, moved)
 
 
-def _ends(key: jax.Array, motion: Motion, fixture: jax.Array) -> jax.Array:
+def _ends(key: jax.Array, motion: Motion, within: jax.Array) -> jax.Array:
     """Where objects end, (N, 2): where they did, or anywhere in the fixture they ended in."""
     centres, sizes = motion.last[:, :2], motion.last[:, 2:]
-    within = _within(motion, fixture)
     container = jnp.argmax(within, axis=1)
     drawn = jax.random.uniform(key, centres.shape, minval=INSET - 0.5, maxval=0.5 - INSET)
     return jnp.where(within.any(axis=1)[:, None], centres[container] + drawn * sizes[container], centres)

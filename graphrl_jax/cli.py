@@ -237,8 +237,7 @@ def train(request: Train) -> None:
 def make_demos(request: MakeDemos) -> None:
     """See `MakeDemos`."""
     compilation.configure()
-    if request.out.exists():
-        raise RunError(f"--out {request.out} exists already; choose another name")
+    _refuse_existing(request.out)
     for name, least in (("num", 1), ("failures", 0)):
         if getattr(request, name) < least:
             raise ValueError(f"--{name} is {getattr(request, name)}; allowed: {least} or more")
@@ -249,8 +248,7 @@ def make_demos(request: MakeDemos) -> None:
 
 def import_demos(request: Import) -> None:
     """See `Import`."""
-    if request.out.exists():
-        raise RunError(f"--out {request.out} exists already; choose another name")
+    _refuse_existing(request.out)
     if request.overlay is not None and (request.overlay.suffix != ".mp4" or request.overlay.exists()):
         raise RunError(f"--overlay {request.overlay} must end in .mp4 and not exist yet")
     if request.frame_rate is not None and not 0 < request.frame_rate < float("inf"):
@@ -321,6 +319,11 @@ def find_stages(request: Stages) -> None:
     out = request.out or run.path / "stages.json"
     runs.write_json(out, {"demos": str(request.demos), "method": request.method, **found})
     print(json.dumps({"out": str(out), "demonstrations": len(demos), **found.get("judged", {})}))
+
+
+def _refuse_existing(out: Path) -> None:
+    if out.exists():
+        raise RunError(f"--out {out} exists already; choose another name")
 
 
 def load_run(run: Run) -> tuple[Task, Settings, Any, Any]:

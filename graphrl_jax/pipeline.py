@@ -34,6 +34,8 @@ from graphrl_jax.wrappers import EnvironmentReward, GraphReward
 # One key per use, folded into the run's seed, so that a stage's randomness does not depend on which stages ran.
 DEMONSTRATIONS, _PRETRAIN, LANDSCAPE, _POLICY, _EVALUATION, RECORDING, _GOAL = range(7)
 
+WITH_ROBOT = {"suppress_robot": 0.0, "robot_messages": 1.0}
+"""Floats of pretraining w/ robot: one that is pooled also sends messages."""
 STAGE_METHODS = ("rests", "change_points", "uvd")
 
 
@@ -60,9 +62,8 @@ def make_demonstrations(task: Task, settings: Settings) -> Demonstrations:
 
 
 def pretrain_hyper(task: Task, alpha: float, with_robot: bool) -> PretrainHyper:
-    """The task's floats of pretraining; a robot that is pooled also sends messages."""
-    hyper = replace(task.pretraining, alpha=alpha)
-    return replace(hyper, suppress_robot=0.0, robot_messages=1.0) if with_robot else hyper
+    """The task's floats of pretraining, with the robot or not."""
+    return replace(task.pretraining, alpha=alpha, **(WITH_ROBOT if with_robot else {}))
 
 
 def train_encoder(

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from graphrl_jax import cli
+from graphrl_jax import cli, pipeline
 from graphrl_jax.demonstrations import load
 
 REPOSITORY = Path(__file__).parents[1]
@@ -135,7 +135,7 @@ def test_demonstrations_and_encoder_alone(demos_file, tmp_path):
     assert json.loads((out / "stages.json").read_text())["judged"] == summary["stages"]
 
 
-@pytest.mark.parametrize("method", ["change_points", "uvd"])
+@pytest.mark.parametrize("method", pipeline.STAGE_METHODS)
 def test_stages_of_demonstrations_without_labels(demos_file, tmp_path, finished, method):
     bare = replace(load(demos_file), events=None, event_names=(), kinds=None)
     file, out = tmp_path / "bare.npz", tmp_path / "stages.json"
