@@ -24,8 +24,10 @@ from graphrl_jax.importers.convert import track_recording
 from graphrl_jax.importers.magical import read_trajectories
 from graphrl_jax.importers.recording import files_of
 from graphrl_jax.runs import write_json
-from tasks.match_regions import geometry, magical
-from tasks.match_regions.env import OBJECTS
+from tasks.match_regions import magical
+from tasks.match_regions.layouts import demo_scene
+from tasks.match_regions.objects import OBJECTS
+from tasks.match_regions.state import boxes
 
 RESULTS = Path("benchmarks/results")
 # Order of the objects in truth.npz, as node slots: star, square, three distractors, region, robot.
@@ -69,9 +71,8 @@ def own_boxes(states: np.ndarray, finger_angles: np.ndarray) -> np.ndarray:
     """Boxes (T, 7, 4) that our task would see of MAGICAL's states (T, 24), in the order of the truth."""
 
     def look(state: jax.Array, fingers: jax.Array) -> jax.Array:
-        robot = geometry.robot_box(state[:3], fingers)
-        blocks = geometry.block_boxes(state[9:].reshape(5, 3))
-        return jax.numpy.concatenate([blocks, geometry.region_box()[None], robot[None]])
+        qpos = jax.numpy.concatenate([state[:3], fingers, state[9:]])
+        return boxes(qpos, demo_scene())[0][jax.numpy.array(TRUTH_SLOTS)]
 
     return np.asarray(jax.jit(jax.vmap(look))(states.astype(np.float32), finger_angles.astype(np.float32)))
 

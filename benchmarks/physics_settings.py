@@ -20,9 +20,10 @@ from rich.table import Table
 from benchmarks.context import measured_on
 from graphrl_jax.compilation import configure
 from graphrl_jax.runs import write_json
-from tasks.match_regions.env import MatchRegions, score
+from tasks.match_regions.env import MatchRegions
 from tasks.match_regions.expert import rollouts
 from tasks.match_regions.model import Physics
+from tasks.match_regions.state import score
 
 DEFAULT = Physics()
 VARIANTS = {
@@ -54,9 +55,9 @@ def measure(physics: Physics, episodes: int) -> dict[str, float]:
     task, kinds = MatchRegions(physics=physics), jnp.zeros(episodes, jnp.int32)
     jax.block_until_ready(rollouts(task, jax.random.key(1), kinds))
     started = time.perf_counter()
-    frames, _ = jax.block_until_ready(rollouts(task, jax.random.key(2), kinds))
+    frames, scenes, _ = jax.block_until_ready(rollouts(task, jax.random.key(2), kinds))
     seconds = time.perf_counter() - started
-    success = np.asarray(jax.vmap(score)(frames[:, -1])) == 1.0
+    success = np.asarray(jax.vmap(score)(frames[:, -1], scenes)) == 1.0
     return {"steps_per_s": episodes * task.episode_length / seconds, "expert_success": float(success.mean())}
 
 

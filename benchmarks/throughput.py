@@ -35,7 +35,8 @@ from graphrl_jax.ppo_config import PPOConfig, PPOHyper
 from graphrl_jax.reward import RewardModel
 from graphrl_jax.runs import write_json
 from graphrl_jax.wrappers import EnvironmentReward, GraphReward
-from tasks.match_regions.env import MatchRegions, PhysicsState
+from tasks.match_regions.env import MatchRegions
+from tasks.match_regions.state import PhysicsState
 
 RATIOS = (("ppo_env", "physics"), ("ppo_env", "environment"), ("ppo_graph", "ppo_env"))
 _TAU = 0.01  # activity threshold; any value takes the same time
@@ -74,7 +75,7 @@ def physics_program(task: MatchRegions, options: Options, key: jax.Array) -> Pro
     def substep(state: PhysicsState, control: jax.Array) -> PhysicsState:
         data = template.replace(qpos=state.qpos, qvel=state.qvel, qacc_warmstart=state.warmstart, ctrl=control)
         data = mjx.step(model, data)
-        return PhysicsState(data.qpos, data.qvel, data.qacc_warmstart, state.initial_distance)
+        return state._replace(qpos=data.qpos, qvel=data.qvel, warmstart=data.qacc_warmstart)
 
     @jit_physics
     def run(states: PhysicsState) -> PhysicsState:

@@ -17,8 +17,8 @@ BOX_RANGE = (-0.5, 1.5)
 
 _TABLE_FIELDS = ("names", "class_ids", "is_robot", "class_names")
 _REQUIRED = ("boxes", "mask", "lengths", "success", *_TABLE_FIELDS, "frame_rate", "source", "task")
-_OPTIONAL = ("is_fixture", "events", "event_names", "kinds", "frames")
-_PER_DEMONSTRATION = ("boxes", "mask", "lengths", "success", "events", "kinds", "frames")
+_OPTIONAL = ("is_fixture", "classes", "events", "event_names", "kinds", "frames")
+_PER_DEMONSTRATION = ("boxes", "mask", "lengths", "success", "classes", "events", "kinds", "frames")
 
 
 class DemonstrationError(ValueError):
@@ -39,6 +39,7 @@ class Demonstrations:
     | frame_rate  |                 | float   | frames per second                                                |
     | source      |                 | str     | where they come from                                             |
     | task        |                 | str     | the task's registered name                                       |
+    | classes     | (B, N) or None  | int32   | class of what sits in each slot, where demonstrations differ in it |
     | events      | (B, E) or None  | int32   | frame of each true stage event, -1: never                        |
     | event_names | (E,)            | str     | their names; empty without events                                |
     | kinds       | (B,) or None    | str     | what each one is, e.g. "success" or "one_target"                 |
@@ -56,6 +57,7 @@ class Demonstrations:
     frame_rate: float
     source: str
     task: str
+    classes: np.ndarray | None = None
     events: np.ndarray | None = None
     event_names: tuple[str, ...] = ()
     kinds: np.ndarray | None = None
@@ -74,6 +76,12 @@ class Demonstrations:
     def num_frames(self) -> int:
         """T, the padded number of frames."""
         return self.boxes.shape[1]
+
+    def class_ids(self) -> np.ndarray:
+        """Class of what sits in each slot of each demonstration: (B, N) int32."""
+        if self.classes is not None:
+            return self.classes
+        return np.tile(np.array(self.objects.class_ids, np.int32), (len(self), 1))
 
     def select(self, indices: Sequence[int] | np.ndarray) -> "Demonstrations":
         """The demonstrations at `indices`, in that order; a boolean array of shape (B,) selects where it is True."""
@@ -246,6 +254,7 @@ def _check_arrays(demos: Demonstrations) -> None:
         "mask": (np.bool_, (batch, time, slots)),
         "lengths": (np.int32, (batch,)),
         "success": (np.bool_, (batch,)),
+        "classes": (np.int32, (batch, slots)),
         "events": (np.int32, (batch, len(demos.event_names))),
         "kinds": (np.str_, (batch,)),
         "frames": (np.uint8, (batch, time, *np.shape(demos.frames)[2:4], 3)),
@@ -277,6 +286,12 @@ def _check_values(demos: Demonstrations) -> None:
     negative = demos.boxes < 0
     negative[..., :2] = False
     _reject(negative & real[..., None], demos.boxes, "widths and heights must not be negative")
+    classes = demos.class_ids()
+    outside = (classes < 0) | (classes >= demos.objects.num_classes)
+    if outside.any():
+        index, slot = np.argwhere(outside)[0]
+        allowed = f"0 to {demos.objects.num_classes - 1}"
+        raise DemonstrationError(f"classes[{index}, {slot}] is {classes[index, slot]}; allowed are {allowed}")
     if demos.events is not None:
         wrong = (demos.events < -1) | (demos.events >= demos.lengths[:, None])
         if wrong.any():

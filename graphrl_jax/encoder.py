@@ -177,15 +177,16 @@ def encode_sequence(
     suppress_robot: ArrayLike,
     tau: ArrayLike,
     robot_messages: ArrayLike = 1.0,
+    class_ids: jax.Array | None = None,
 ) -> jax.Array:
     """phi of every frame of one padded demonstration, activity included.
 
     Args:
-      boxes, mask, length, tau: see `graph.sequence_graphs`.
+      boxes, mask, length, tau, class_ids: see `graph.sequence_graphs`.
       params, alpha, suppress_robot, robot_messages: see `encode`.
 
     Returns:
       (T, D) float32; rows from `length` on are finite and mean nothing.
     """
-    graphs = sequence_graphs(objects, boxes, mask, length, tau)
+    graphs = sequence_graphs(objects, boxes, mask, length, tau, class_ids)
     return jax.vmap(encode, in_axes=(None, 0, None, None, None))(params, graphs, alpha, suppress_robot, robot_messages)

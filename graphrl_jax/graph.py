@@ -120,7 +120,13 @@ class Graph:
     active: jax.Array
 
 
-def build_graph(objects: ObjectTable, boxes: jax.Array, mask: jax.Array, active: jax.Array) -> Graph:
+def build_graph(
+    objects: ObjectTable,
+    boxes: jax.Array,
+    mask: jax.Array,
+    active: jax.Array,
+    class_ids: jax.Array | None = None,
+) -> Graph:
     """The graph of one frame.
 
     Args:
@@ -128,6 +134,7 @@ def build_graph(objects: ObjectTable, boxes: jax.Array, mask: jax.Array, active:
       boxes: (N, 4) float32; any value in a masked slot.
       mask: (N,) bool, False where the object is absent.
       active: (N,) bool, see `activity`.
+      class_ids: (N,) int32, for tasks whose objects change between episodes; the table's, if left out.
     """
     slots = objects.num_slots
     if boxes.shape != (slots, 4) or mask.shape != (slots,) or active.shape != (slots,):
@@ -135,7 +142,8 @@ def build_graph(objects: ObjectTable, boxes: jax.Array, mask: jax.Array, active:
             f"build_graph takes boxes ({slots}, 4), mask ({slots},) and active ({slots},) for this object table, "
             f"got {boxes.shape}, {mask.shape} and {active.shape}; map over batches with jax.vmap"
         )
-    return Graph(boxes, mask, objects.class_one_hot(), objects.robot_flags(), active)
+    classes = objects.class_one_hot() if class_ids is None else jax.nn.one_hot(class_ids, objects.num_classes)
+    return Graph(boxes, mask, classes, objects.robot_flags(), active)
 
 
 def clear_masked_slots(graph: Graph) -> Graph:
@@ -214,7 +222,12 @@ def activity(boxes: jax.Array, mask: jax.Array, tau: ArrayLike) -> jax.Array:
 
 
 def sequence_graphs(
-    objects: ObjectTable, boxes: jax.Array, mask: jax.Array, length: ArrayLike, tau: ArrayLike
+    objects: ObjectTable,
+    boxes: jax.Array,
+    mask: jax.Array,
+    length: ArrayLike,
+    tau: ArrayLike,
+    class_ids: jax.Array | None = None,
 ) -> Graph:
     """All graphs of one padded demonstration, activity included. Frames from `length` on are wholly masked.
 
@@ -224,13 +237,15 @@ def sequence_graphs(
       mask: (T, N) bool.
       length: number of real frames, 1 to T.
       tau: see `update_activity`.
+      class_ids: see `build_graph`.
 
     Returns:
       A graph whose fields have a leading time axis.
     """
     real = jnp.arange(mask.shape[0]) < length
     mask = mask & real[:, None]
-    return jax.vmap(build_graph, in_axes=(None, 0, 0, 0))(objects, boxes, mask, activity(boxes, mask, tau))
+    frames = jax.vmap(build_graph, in_axes=(None, 0, 0, 0, None))
+    return frames(objects, boxes, mask, activity(boxes, mask, tau), class_ids)
 
 
 def pad_graph(graph: Graph, num_slots: int) -> Graph:

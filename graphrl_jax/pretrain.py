@@ -111,11 +111,12 @@ class PretrainHyper:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class PretrainData:
-    """Demonstrations on the device; fields as in `Demonstrations`. `objects` is static."""
+    """Demonstrations on the device; fields as in `Demonstrations`, class_ids (B, N). `objects` is static."""
 
     boxes: jax.Array
     mask: jax.Array
     lengths: jax.Array
+    class_ids: jax.Array
     objects: ObjectTable = field(metadata={"static": True})
 
 
@@ -144,8 +145,9 @@ def prepare(demonstrations: Demonstrations) -> PretrainData:
     """
     if len(demonstrations) < 2:
         raise ValueError(f"pretraining needs at least 2 demonstrations, got {len(demonstrations)}")
-    boxes, mask, lengths = map(jnp.asarray, (demonstrations.boxes, demonstrations.mask, demonstrations.lengths))
-    return PretrainData(boxes, mask, lengths, demonstrations.objects)
+    demos = demonstrations
+    arrays = map(jnp.asarray, (demos.boxes, demos.mask, demos.lengths, demos.class_ids()))
+    return PretrainData(*arrays, objects=demos.objects)
 
 
 def init(config: PretrainConfig, num_classes: int, key: jax.Array) -> PretrainState:
@@ -216,7 +218,8 @@ def _show(
     original = data.boxes[demonstration, frames], moves.active[frames]
     choice = jax.random.bernoulli(choice_key, hyper.rearranged)
     boxes, active = (jnp.where(choice, new, old) for new, old in zip(rearranged, original, strict=True))
-    return jax.vmap(partial(build_graph, data.objects))(boxes, data.mask[demonstration, frames], active)
+    build = jax.vmap(partial(build_graph, data.objects), in_axes=(0, 0, 0, None))
+    return build(boxes, data.mask[demonstration, frames], active, data.class_ids[demonstration])
 
 
 @partial(jax.jit, static_argnames="draws")

@@ -138,7 +138,7 @@ def embed_demonstrations(
     """phi of every frame: (B, T, D) float32; rows behind a demonstration's length are finite and mean nothing."""
     demos = demonstrations
     weights = (alpha, suppress_robot, tau, robot_messages)
-    return _embed_batch(demos.objects, params, demos.boxes, demos.mask, demos.lengths, *weights)
+    return _embed_batch(demos.objects, params, demos.boxes, demos.mask, demos.lengths, demos.class_ids(), *weights)
 
 
 def demonstration_embeddings(model: RewardModel, demonstrations: Demonstrations) -> jax.Array:
@@ -167,10 +167,11 @@ def _embed_batch(
     boxes: jax.Array,
     mask: jax.Array,
     lengths: jax.Array,
+    class_ids: jax.Array,
     alpha: ArrayLike,
     suppress_robot: ArrayLike,
     tau: ArrayLike,
     robot_messages: ArrayLike,
 ) -> jax.Array:
-    batched = jax.vmap(encode_sequence, in_axes=(None, None, 0, 0, 0, None, None, None, None))
-    return batched(params, objects, boxes, mask, lengths, alpha, suppress_robot, tau, robot_messages)
+    batched = jax.vmap(encode_sequence, in_axes=(None, None, 0, 0, 0, None, None, None, None, 0))
+    return batched(params, objects, boxes, mask, lengths, alpha, suppress_robot, tau, robot_messages, class_ids)

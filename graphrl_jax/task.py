@@ -22,8 +22,9 @@ class Task(Env):
 
     `reset(key)` draws a fresh start and runs no physics; `step(state, action)` takes actions (A,) in [-1, 1]; the
     reward is the environment's own and `done` stays 0: the time limit belongs to `wrappers.Episode`.
-    `state.metrics` holds `success` and `score`. A `reset` that starts part of the way to the goal may put `active` (N,)
-    bool into `state.info`: what counts as moved from the start. All methods are written for one environment.
+    `state.metrics` holds `success` and `score`. Two things a `reset` may put into `state.info`: `active` (N,) bool,
+    what counts as moved from the start, where an episode starts part of the way to the goal; and `class_ids` (N,)
+    int32, what sits in the slots, where that changes between episodes. All methods are written for one environment.
 
     Attributes:
       name: registered name.

@@ -91,7 +91,7 @@ class GraphReward(EnvironmentReward):
     def step(self, state: State, action: jax.Array) -> State:
         state = super().step(state, action)
         info = state.info
-        graph = build_graph(self.env.objects, info["boxes"], info["mask"], info["active"])
+        graph = build_graph(self.env.objects, info["boxes"], info["mask"], info["active"], info.get("class_ids"))
         distance = self.model.distance(graph)
         return self._with_reward(state, self.model.value(distance), distance)
 

@@ -8,13 +8,13 @@ from PIL import Image, ImageDraw
 from tasks.match_regions import geometry, magical
 
 GREEN, YELLOW, BLUE = (magical.LOOKS[index] for index in (2, 5, 4))
-# Block, its colours, where it lies (arena units) and its angle.
+# Shape, its colours, where it lies (arena units) and its angle.
 SCENE = {
-    "star": (0, GREEN, (0.8, -0.7), 0.4),
-    "square": (1, GREEN, (-0.68, 0.72), 1.28),
-    "blue_pentagon": (2, BLUE, (-0.05, -0.2), -1.09),
-    "yellow_circle": (3, YELLOW, (-0.75, -0.55), 0.0),
-    "yellow_pentagon": (4, YELLOW, (0.3, -0.82), -1.15),
+    "star": (geometry.STAR, GREEN, (0.8, -0.7), 0.4),
+    "square": (geometry.SQUARE, GREEN, (-0.68, 0.72), 1.28),
+    "blue_pentagon": (geometry.PENTAGON, BLUE, (-0.05, -0.2), -1.09),
+    "yellow_circle": (geometry.CIRCLE, YELLOW, (-0.75, -0.55), 0.0),
+    "yellow_pentagon": (geometry.PENTAGON, YELLOW, (0.3, -0.82), -1.15),
 }
 
 
@@ -35,11 +35,11 @@ def draw(
     west, east, south, north = geometry.REGION
     canvas.rectangle([*pixels(np.array([[west, north]]), size)[0], *pixels(np.array([[east, south]]), size)[0]],
                      fill=magical.LOOKS[0].fill[0])  # fmt: skip
-    for name, (block, look, place, angle) in SCENE.items():
+    for name, (shape, look, place, angle) in SCENE.items():
         if name in without:
             continue
         turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
-        corners = geometry.outline(block) @ turn.T + np.array((moved or {}).get(name, place))
+        corners = geometry.outline(shape) @ turn.T + np.array((moved or {}).get(name, place))
         canvas.polygon(pixels(corners, size), fill=look.fill[0], outline=look.outline[0], width=max(1, size // 150))
     (left, top), (right, bottom) = pixels(np.array([[-0.7, 0.3], [-0.3, -0.1]]), size)
     canvas.ellipse((left, top, right, bottom), fill=magical.LOOKS[1].fill[0])

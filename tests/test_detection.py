@@ -10,10 +10,12 @@ from pictures import SCENE, draw
 from graphrl_jax.detection import ColourDetector, Look, ModelDetector, ultralytics
 from graphrl_jax.video import write_video
 from tasks.match_regions import geometry, magical
-from tasks.match_regions.env import OBJECTS
+from tasks.match_regions.layouts import demo_scene
+from tasks.match_regions.objects import OBJECTS
 
 POSES = np.array([[*place, angle] for _, _, place, angle in SCENE.values()], np.float32)
-TRUE = np.concatenate([[geometry.region_box()], geometry.block_boxes(POSES)])
+_DEMO = demo_scene()
+TRUE = np.concatenate([[geometry.region_box(_DEMO.region)], geometry.block_boxes(POSES, _DEMO.shapes)])
 CLASSES = (0, 2, 3, 4, 5, 6)
 
 

@@ -22,7 +22,7 @@ from graphrl_jax.importers import magical
 from graphrl_jax.importers.convert import Source, guess_format
 from graphrl_jax.importers.recording import ImportFailure
 from graphrl_jax.video import write_video
-from tasks.match_regions.env import OBJECTS
+from tasks.match_regions.objects import OBJECTS
 
 REAL = Path(__file__).parents[2] / "shared" / "data" / "magical_match_regions"
 FRAMES = np.stack([draw(moved={"star": (0.8 - 0.1 * t, -0.7)}) for t in range(4)])

@@ -14,9 +14,13 @@ from graphrl_jax.wrappers import EnvironmentReward
 from tasks.match_regions import env, geometry, layouts, magical
 from tasks.match_regions.expert import FAILURES
 from tasks.match_regions.model import CONTROL_DT, DRIVEN_MASS, FAITHFUL, FINGER_OPEN, Physics, build_model
+from tasks.match_regions.observation import observe
+from tasks.match_regions.reward import REACH_PER_TARGET, Reward, environment_reward
+from tasks.match_regions.state import PhysicsState, boxes, grasp_point, score
 
 TRUTH = Path(os.environ.get("GRAPHRL_DATA", Path(__file__).parents[2] / "shared" / "data"))
 TRUTH = TRUTH / "magical_match_regions" / "truth.npz"
+DEMO = layouts.demo_scene()
 
 
 def demo_qpos() -> np.ndarray:
@@ -42,10 +46,16 @@ def simulate(qpos: np.ndarray, commands: list[tuple[float, float, bool]], physic
     for speed, turn, is_open in commands:
         opening = FINGER_OPEN if is_open else 0.0
         for _ in range(physics.substeps):
-            rates = np.clip((np.array([opening, -opening]) - data.qpos[3:5]) / CONTROL_DT, -1, 1)
+            rates = np.clip((np.array([opening, -opening]) - data.qpos[3:5]) * 10, -1, 1)
             heading = np.array([-np.sin(data.qpos[2]), np.cos(data.qpos[2])])
-            data.ctrl[:] = [*(speed * heading), turn, *rates]
+            # The force that drives it is limited along its direction, and positions lag (see `Physics`).
+            change = speed * heading - data.qvel[:2]
+            most = physics.drive_force / DRIVEN_MASS * physics.timestep
+            drive = data.qvel[:2] + change * min(1.0, most / max(np.linalg.norm(change), 1e-6))
+            data.ctrl[:] = [*drive, turn, *rates]
+            before = data.qvel.copy()
             mujoco.mj_step(model, data)
+            data.qpos[:] -= physics.lag * physics.timestep * (data.qvel - before)
     return data.qpos.copy()
 
 
@@ -65,8 +75,8 @@ def test_boxes_match_the_recorded_ones() -> None:
     fingers = truth["rel_finger_angles"][:, ::10].reshape(-1, 2).astype(np.float32)
     recorded = truth["boxes"][:, ::10].reshape(-1, 7, 4)
     qpos = np.concatenate([states[:, :3], fingers, states[:, 9:]], axis=1)
-    boxes = np.asarray(jax.jit(jax.vmap(lambda scene: env.boxes(scene)[0]))(qpos))
-    corners = np.concatenate([boxes[..., :2] - boxes[..., 2:] / 2, boxes[..., :2] + boxes[..., 2:] / 2], -1)
+    found = np.asarray(jax.jit(jax.vmap(lambda qpos: boxes(qpos, DEMO)[0]))(qpos))
+    corners = np.concatenate([found[..., :2] - found[..., 2:] / 2, found[..., :2] + found[..., 2:] / 2], -1)
     ours = corners[:, [2, 3, 4, 5, 6, 0, 1]]
     low = np.maximum(ours[..., :2], recorded[..., :2])
     high = np.minimum(ours[..., 2:], recorded[..., 2:])
@@ -136,33 +146,33 @@ def test_score_is_magicals(inside: tuple[int, ...], expected: float) -> None:
     qpos = demo_qpos()
     for i, block in enumerate(inside):
         qpos = placed(qpos, block, 0.2 + 0.15 * i, 0.3)
-    assert float(env.score(jnp.asarray(qpos))) == pytest.approx(expected)
+    assert float(score(jnp.asarray(qpos), DEMO)) == pytest.approx(expected)
 
 
 def test_environment_reward_by_hand() -> None:
-    task = env.MatchRegions(reward=env.Reward(reach=0.0))
+    task = env.MatchRegions(reward=Reward(reach=0.0))
     state = task.reset(jax.random.key(0)).pipeline_state
     qpos = placed(placed(np.array(state.qpos), 0, 0.4, 0.35), 1, -0.2, 0.35)
     moved = state._replace(qpos=jnp.asarray(qpos))
     # The star is inside: distance 0. The square is 0.6 from the centre (0.4, 0.35). No distractor is inside.
     potential = float(state.initial_distance.sum()) - 0.6 - 0.1
     expected = 10 * np.tanh(potential / 2)
-    assert float(env.environment_reward(moved, task.reward)) == pytest.approx(expected, abs=1e-4)
+    assert float(environment_reward(moved, task.reward)) == pytest.approx(expected, abs=1e-4)
 
 
 def reach_term(qpos: np.ndarray) -> float:
     """What the reach term takes from the potential p at a coefficient of 0.25, divided by it."""
     state = env.MatchRegions().reset(jax.random.key(0)).pipeline_state
     state = state._replace(qpos=jnp.asarray(qpos))
-    rewards = [float(env.environment_reward(state, env.Reward(reach=reach))) / 10 for reach in (0.0, 0.25)]
+    rewards = [float(environment_reward(state, Reward(reach=reach))) / 10 for reach in (0.0, 0.25)]
     return 2 * (np.arctanh(rewards[0]) - np.arctanh(rewards[1])) / 0.25
 
 
 def test_reach_term_by_hand() -> None:
     none_placed = demo_qpos()
-    grasp = np.asarray(env.grasp_point(none_placed))
+    grasp = np.asarray(grasp_point(none_placed))
     to_star, to_square = (np.hypot(*(place - grasp)) for place in (none_placed[5:7], none_placed[8:10]))
-    assert reach_term(none_placed) == pytest.approx(min(to_star, to_square) + env.REACH_PER_TARGET, abs=0.01)
+    assert reach_term(none_placed) == pytest.approx(min(to_star, to_square) + REACH_PER_TARGET, abs=0.01)
     star_placed = placed(none_placed, 0, 0.4, 0.35)
     assert reach_term(star_placed) == pytest.approx(to_square, abs=0.01)
     assert reach_term(placed(star_placed, 1, 0.3, 0.3)) == pytest.approx(0.0, abs=0.01)
@@ -223,7 +233,7 @@ def test_demo_layout_is_the_recorded_one_up_to_its_jitter() -> None:
     assert not np.allclose(qpos[0], qpos[1])
 
 
-@pytest.mark.parametrize("layout", [layouts.Jitter(), layouts.Random(), layouts.Training(layouts.Demo())])
+@pytest.mark.parametrize("layout", [layouts.Demo(jitter=0.5), layouts.Training(layouts.Demo())])
 def test_every_layout_stays_inside_the_walls(layout: layouts.Layout) -> None:
     qpos = np.asarray(jax.jit(jax.vmap(layout.sample))(jax.random.split(jax.random.key(2), 256)).qpos)
     assert np.isfinite(qpos).all()
@@ -235,9 +245,9 @@ def test_every_layout_stays_inside_the_walls(layout: layouts.Layout) -> None:
 def test_training_starts_cover_placed_and_held_targets() -> None:
     qpos = jax.jit(jax.vmap(layouts.Training(layouts.Demo()).sample))(jax.random.split(jax.random.key(3), 512)).qpos
     targets = np.asarray(qpos[:, 5:11].reshape(-1, 2, 3)[..., :2])
-    inside = np.asarray(geometry.inside_region(jnp.asarray(targets)))
+    inside = np.asarray(geometry.inside_region(DEMO.region, jnp.asarray(targets)))
     assert 0.1 < inside.mean() < 0.4
-    held = np.linalg.norm(targets - np.asarray(jax.vmap(env.grasp_point)(qpos))[:, None], axis=-1).min(1) < 0.02
+    held = np.linalg.norm(targets - np.asarray(jax.vmap(grasp_point)(qpos))[:, None], axis=-1).min(1) < 0.02
     assert 0.05 < held.mean() < 0.4
 
 
@@ -248,10 +258,20 @@ def test_observation_has_its_documented_size_and_frame() -> None:
     qpos = alone((0.1, 0.2, 0.7))
     ahead = np.array([-np.sin(0.7), np.cos(0.7)])
     qpos = placed(qpos, 0, *(np.array([0.1, 0.2]) + 0.4 * ahead))
-    obs = np.asarray(env.observe(state.pipeline_state._replace(qpos=jnp.asarray(qpos, jnp.float32))))
-    np.testing.assert_allclose(obs[13:15], [0.4, 0.0], atol=1e-5)  # the star: 0.4 ahead, 0 to the left
-    np.testing.assert_allclose(obs[20:23], [0.4, 1.0, 0.0], atol=1e-5)
-    np.testing.assert_array_equal(obs[[19, 30, 35]], [0, 0, 1])
+    obs = np.asarray(observe(state.pipeline_state._replace(qpos=jnp.asarray(qpos, jnp.float32))))
+    np.testing.assert_allclose(obs[13:15], [0.3, 0.35], atol=1e-5)  # the region's half sides
+    np.testing.assert_allclose(obs[15:17], [0.4, 0.0], atol=1e-5)  # the star: 0.4 ahead, 0 to the left
+    np.testing.assert_allclose(obs[22:25], [0.4, 1.0, 0.0], atol=1e-5)
+    np.testing.assert_array_equal(obs[[21, 32, 37]], [0, 0, 1])
+
+
+def test_distractors_are_seen_nearest_first() -> None:
+    qpos = placed(placed(alone((0.0, 0.0, 0.0)), 4, 0.0, 0.5), 2, 0.3, 0.6)
+    state = PhysicsState(jnp.asarray(qpos), jnp.zeros(20), jnp.zeros(20), jnp.ones(2), DEMO)
+    obs = np.asarray(observe(state))[38:].reshape(3, 7)
+    # The robot faces up: ahead is y, left is minus x.
+    np.testing.assert_allclose(obs[:, :2], [[0.5, 0.0], [0.6, -0.3], [-0.85, -0.4]], atol=1e-5)
+    np.testing.assert_array_equal(obs[:, 6], [0, 1, 0])
 
 
 @pytest.mark.parametrize(
@@ -265,15 +285,15 @@ def test_observation_has_its_documented_size_and_frame() -> None:
 )
 def test_the_target_to_see_to_comes_first(star, square, star_first) -> None:
     qpos = placed(placed(alone((0.0, 0.0, 0.0)), 0, *star), 1, *square)
-    state = env.PhysicsState(jnp.asarray(qpos), jnp.zeros(20), jnp.zeros(20), jnp.array([1.0, 2.0]))
-    obs = np.asarray(env.observe(state))
+    state = PhysicsState(jnp.asarray(qpos), jnp.zeros(20), jnp.zeros(20), jnp.array([1.0, 2.0]), DEMO)
+    obs = np.asarray(observe(state))
     # The robot faces up: ahead is y, left is minus x.
     rows = [[y, -x] for x, y in (star, square)]
-    np.testing.assert_allclose(obs[[13, 14, 24, 25]], np.ravel(rows if star_first else rows[::-1]), atol=1e-5)
-    assert obs[35] == star_first and obs[23] == (1.0 if star_first else 2.0)
-    in_slots = np.asarray(env.observe(state, targets_in_order=False))
-    np.testing.assert_allclose(in_slots[[13, 14, 24, 25]], np.ravel(rows), atol=1e-5)
-    np.testing.assert_array_equal(np.delete(in_slots, np.s_[13:36]), np.delete(obs, np.s_[13:36]))
+    np.testing.assert_allclose(obs[[15, 16, 26, 27]], np.ravel(rows if star_first else rows[::-1]), atol=1e-5)
+    assert obs[37] == star_first and obs[25] == (1.0 if star_first else 2.0)
+    in_slots = np.asarray(observe(state, targets_in_order=False))
+    np.testing.assert_allclose(in_slots[[15, 16, 26, 27]], np.ravel(rows), atol=1e-5)
+    np.testing.assert_array_equal(np.delete(in_slots, np.s_[15:38]), np.delete(obs, np.s_[15:38]))
 
 
 def test_training_keeps_what_the_task_was_told() -> None:
@@ -285,22 +305,23 @@ def test_training_keeps_what_the_task_was_told() -> None:
 def test_a_target_that_starts_in_its_place_counts_as_moved():
     class Placed(layouts.Demo):
         def sample(self, key):
+            start = layouts.Demo(jitter=0.0).sample(key)
             moved = jnp.array([False, False, True, False, False])
-            return layouts.Start(jnp.asarray(placed(demo_qpos(), 1, 0.4, 0.3)), moved)
+            return start._replace(qpos=jnp.asarray(placed(demo_qpos(), 1, 0.4, 0.3)), moved=moved)
 
     for layout, flags in ((layouts.Demo(), [0, 0, 0]), (Placed(), [0, 1, 1])):
         state = jax.jit(EnvironmentReward(env.MatchRegions(layout), 0.02).reset)(jax.random.key(0))
         np.testing.assert_array_equal(state.info["active"][2:5], flags)
         np.testing.assert_array_equal(state.info["active"][jnp.array([0, 1, 5, 6, 7])], False)
-        # It counts as brought from where the Demo layout has it.
-        homes = layouts.BLOCK_STARTS[:2, :2] - np.asarray(geometry.region_centre())
+        # It counts as brought from where the layout had it.
+        homes = layouts.BLOCK_STARTS[:2, :2] - np.asarray(geometry.region_centre(DEMO.region))
         found = state.pipeline_state.initial_distance
         np.testing.assert_allclose(found, np.linalg.norm(homes, axis=-1), atol=0.05)
 
 
 def test_training_bumps_distractors_in_some_episodes() -> None:
     layout, keys = layouts.Training(layouts.Demo(jitter=0.0)), jax.random.split(jax.random.key(4), 512)
-    qpos, moved = (np.asarray(part) for part in jax.jit(jax.vmap(layout.sample))(keys))
+    qpos, moved = (np.asarray(part) for part in jax.jit(jax.vmap(layout.sample))(keys)[:2])
     away = np.linalg.norm(qpos[:, 5:].reshape(-1, 5, 3)[..., :2] - layouts.BLOCK_STARTS[:, :2], axis=-1) > 1e-6
     assert not moved[:, :2].any()
     np.testing.assert_array_equal(moved[:, 2:], away[:, 2:])
@@ -315,7 +336,7 @@ def test_magicals_actions_by_number():
     ])  # fmt: skip
 
 
-def test_a_drive_limited_along_the_heading_gains_the_same_speed_in_all_directions():
+def test_the_drive_gains_the_same_speed_in_all_directions():
     task = env.MatchRegions(physics=FAITHFUL)
     start = task.reset(jax.random.key(0)).pipeline_state
     gained = FAITHFUL.drive_force / DRIVEN_MASS * CONTROL_DT

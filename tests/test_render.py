@@ -6,10 +6,11 @@ import pytest
 
 from graphrl_jax import drawing
 from tasks.match_regions import geometry, layouts, render
-from tasks.match_regions.env import OBJECTS
+from tasks.match_regions.objects import OBJECTS
 
 SIZE = 256
 STAR_BOX_SLOT, ROBOT_SLOT = 2, 1
+DEMO = layouts.demo_scene()
 
 
 def scene(**places: tuple[float, float, float]) -> np.ndarray:
@@ -18,6 +19,11 @@ def scene(**places: tuple[float, float, float]) -> np.ndarray:
     for name, pose in places.items():
         poses[0 if name == "robot" else 1 + int(name[-1])] = pose
     return np.concatenate([poses[0], [0.3, -0.3], poses[1:].ravel()]).astype(np.float32)
+
+
+def repeated(frames: int) -> layouts.Scene:
+    """The demonstration scene at every frame."""
+    return layouts.Scene(*(np.stack([leaf] * frames) for leaf in DEMO))
 
 
 def pixel(x: float, y: float) -> tuple[int, int]:
@@ -38,12 +44,12 @@ def assert_tight(pixels: np.ndarray, box: np.ndarray) -> None:
 
 
 def test_every_block_has_its_colour_at_its_centre() -> None:
-    image = render.draw_scene(scene(), SIZE)
+    image = render.draw_scene(scene(), DEMO, SIZE)
     assert image.shape == (SIZE, SIZE, 3) and image.dtype == np.uint8
-    for pose, colour in zip(layouts.BLOCK_STARTS, render.BLOCK_COLOURS, strict=True):
-        assert tuple(image[pixel(pose[0], pose[1])]) == colour
+    for pose, colour in zip(layouts.BLOCK_STARTS, DEMO.colours, strict=True):
+        assert tuple(image[pixel(pose[0], pose[1])]) == render.BLOCK_COLOURS[colour]
     assert tuple(image[pixel(*layouts.ROBOT_START[:2])]) == render.ROBOT_COLOUR
-    assert tuple(image[pixel(0.4, 0.35)]) == render.REGION_FILL
+    assert tuple(image[pixel(0.4, 0.35)]) == render.REGION_FILLS[layouts.GREEN]
     assert tuple(image[pixel(-0.1, 0.9)]) == render.BACKGROUND
 
 
@@ -51,22 +57,22 @@ def test_every_block_has_its_colour_at_its_centre() -> None:
 @pytest.mark.parametrize("theta", [0.0, 0.7, -2.5])
 def test_drawn_block_fills_its_box(block: int, theta: float) -> None:
     place, elsewhere = (-0.2, 0.5, theta), (0.85, 0.85, 0.0)
-    drawn = render.draw_scene(scene(**{f"block_{block}": place}), SIZE)
-    without = render.draw_scene(scene(**{f"block_{block}": elsewhere}), SIZE)
+    drawn = render.draw_scene(scene(**{f"block_{block}": place}), DEMO, SIZE)
+    without = render.draw_scene(scene(**{f"block_{block}": elsewhere}), DEMO, SIZE)
     pixels = changed_pixels(without, drawn)
     pixels = pixels[pixels[:, 0] < 0.7 * SIZE]  # the others are those of the block elsewhere
     poses = layouts.BLOCK_STARTS.copy()
     poses[block] = place
     with jax.disable_jit():
-        box = np.asarray(geometry.block_boxes(poses))[block]
+        box = np.asarray(geometry.block_boxes(poses, DEMO.shapes))[block]
     assert_tight(pixels, box)
 
 
 @pytest.mark.parametrize("theta", [0.0, 1.1, -2.0])
 def test_drawn_robot_fills_its_box(theta: float) -> None:
     blocks_away = {f"block_{i}": (-0.8 + 0.4 * i, -0.85, 0.0) for i in range(5)}
-    drawn = render.draw_scene(scene(robot=(-0.4, 0.2, theta), **blocks_away), SIZE)
-    without = render.draw_scene(scene(robot=(5.0, 5.0, 0.0), **blocks_away), SIZE)
+    drawn = render.draw_scene(scene(robot=(-0.4, 0.2, theta), **blocks_away), DEMO, SIZE)
+    without = render.draw_scene(scene(robot=(5.0, 5.0, 0.0), **blocks_away), DEMO, SIZE)
     with jax.disable_jit():
         box = np.asarray(geometry.robot_box(np.array([-0.4, 0.2, theta]), np.array([0.3, -0.3])))
     assert_tight(changed_pixels(without, drawn), box)
@@ -85,7 +91,7 @@ def test_boxes_show_activity_and_mask() -> None:
 
     def edge_colours(slot: int, active: bool) -> set[tuple[int, ...]]:
         mask = np.arange(OBJECTS.num_slots) == slot
-        image = render.draw_scene(scene(), SIZE, boxes, mask, np.full(OBJECTS.num_slots, active))
+        image = render.draw_scene(scene(), DEMO, SIZE, boxes, mask, np.full(OBJECTS.num_slots, active))
         rows = image[edge[0] - 8 : edge[0] + 8, edge[1] - 1 : edge[1] + 2]
         return {tuple(colour) for colour in rows.reshape(-1, 3).tolist()}
 
@@ -100,7 +106,8 @@ def test_episode_frames_show_the_reward_so_far() -> None:
     steps, slots = 5, OBJECTS.num_slots
     qpos = np.tile(scene(), (steps, 1))
     boxes, mask = np.full((steps, slots, 4), 0.2, np.float32), np.zeros((steps, slots), bool)
-    frames = render.episode_frames(qpos, boxes, mask, mask, np.linspace(-1, 0, steps), SIZE, "learned reward")
+    rewards = np.linspace(-1, 0, steps)
+    frames = render.episode_frames(qpos, repeated(steps), boxes, mask, mask, rewards, SIZE, "learned reward")
     assert frames.shape == (steps, SIZE, 2 * SIZE, 3) and frames.dtype == np.uint8
     np.testing.assert_array_equal(frames[:, :, :SIZE], np.broadcast_to(frames[0, :, :SIZE], (steps, SIZE, SIZE, 3)))
     green = np.sum(np.all(frames[:, :, SIZE:] == drawing.CURVE, axis=-1), axis=(1, 2))
@@ -110,5 +117,5 @@ def test_episode_frames_show_the_reward_so_far() -> None:
 def test_a_constant_reward_can_be_drawn() -> None:
     qpos, empty = np.tile(scene(), (2, 1)), np.zeros((2, OBJECTS.num_slots), bool)
     boxes = np.zeros((2, OBJECTS.num_slots, 4), np.float32)
-    frames = render.episode_frames(qpos, boxes, empty, empty, np.full(2, -1.0), 64, "reward")
+    frames = render.episode_frames(qpos, repeated(len(qpos)), boxes, empty, empty, np.full(2, -1.0), 64, "reward")
     assert frames.shape == (2, 64, 128, 3)

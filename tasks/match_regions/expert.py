@@ -15,8 +15,13 @@ import numpy as np
 from graphrl_jax.compilation import jit_physics
 from graphrl_jax.demonstrations import Demonstrations, reached_for_good
 from tasks.collect import collect
-from tasks.match_regions import env as environment
 from tasks.match_regions import geometry
+from tasks.match_regions.env import MatchRegions
+from tasks.match_regions.layouts import NUM_TARGETS, Scene
+from tasks.match_regions.model import CONTROL_DT
+from tasks.match_regions.objects import class_ids
+from tasks.match_regions.observation import TURN_RATE
+from tasks.match_regions.state import PhysicsState, blocks, placed_targets, score
 
 APPROACH, FACE, ADVANCE, GRIP, DRAG, RELEASE, BACK_OFF = range(7)
 STANDOFF = 0.58
@@ -25,7 +30,12 @@ AVOID_DISTANCE = 0.6
 CLEAR_DISTANCE = 0.52
 MAX_JOBS = 2
 TAIL_FRAMES = 4
-BATCH, MAX_BATCHES = 64, 8
+# Where a target is put: this far inside the region's border, at the spot nearest to where it lies.
+_INSET = 0.12
+_APART = 0.3
+_AT_WALL = 0.78
+_OPEN_PLACE = 0.85
+BATCH, MAX_BATCHES = 64, 16
 FAILURES = ("one_target", "distractor_in", "target_out", "corner", "bystander", "touched", "nothing")
 """Kinds of deliberate failure: only one target placed; a distractor dragged in instead of the second target; a target
 placed and dragged out again; a target shoved past the region into a corner; one target placed and then a distractor
@@ -64,25 +74,26 @@ class Progress(NamedTuple):
     timer: jax.Array
 
 
-def draw_plan(key: jax.Array, kind: jax.Array) -> Plan:
-    """A random plan; `kind` () int32 is 0 for success, k for `FAILURES[k - 1]`."""
+def draw_plan(key: jax.Array, kind: jax.Array, qpos: jax.Array, scene: Scene) -> Plan:
+    """A random plan for the blocks at `qpos`; `kind` () int32 is 0 for success, k for `FAILURES[k - 1]`."""
     order_key, goal_key, speed_key, side_key, pause_key, noise_key = jax.random.split(key, 6)
-    first = jax.random.bernoulli(order_key).astype(jnp.int32)
+    targets = scene.present[:NUM_TARGETS].sum()
+    first = jnp.where(targets == 1, 0, jax.random.bernoulli(order_key)).astype(jnp.int32)
     second = 1 - first
-    nominal = jnp.array([[0.57, 0.1], [0.19, 0.57]])
-    goals = nominal + jax.random.uniform(goal_key, (2, 2), minval=-0.05, maxval=0.05)
-    distractor = 2 + jax.random.randint(goal_key, (), 0, 3)
-    outside = jnp.array([[0.75, -0.5], [-0.25, 0.55]])
-    corner = jnp.array([[0.85, 0.85], [0.8, 0.85]])
-    aside = jnp.array([-0.25, 0.45])
-    nudged = jnp.array([[0.6, -0.5], [-0.5, 0.5]])
+    starts = blocks(qpos)[:NUM_TARGETS, :2]
+    goals = _goals(starts, scene.region) + jax.random.uniform(goal_key, (2, 2), minval=-0.05, maxval=0.05)
+    others = scene.present & (jnp.arange(scene.present.shape[0]) >= NUM_TARGETS)
+    distractor = jax.random.categorical(goal_key, jnp.where(others, 0.0, -jnp.inf))
+    outside, corner = _outside(scene.region), _corner(scene.region)
+    aside = outside[1]
+    nudged = starts + 0.3 * jax.vmap(_unit)(goals - starts)
     both, one_of_each = jnp.array([first, second]), jnp.array([first, distractor])
     jobs = [  # blocks, goals and how many jobs to do: success, then `FAILURES`
-        (both, goals[both], 2),
+        (both, goals[both], targets),
         (both, goals[both], 1),
         (one_of_each, goals[both], 2),
         (jnp.array([first, first]), jnp.stack([goals[first], outside[first]]), 2),
-        (both, corner[both], 1),
+        (both, jnp.stack([corner, corner]), 1),
         (one_of_each, jnp.stack([goals[first], aside]), 2),
         (both, nudged[both], 2),
         (both, goals[both], 0),
@@ -99,16 +110,40 @@ def draw_plan(key: jax.Array, kind: jax.Array) -> Plan:
     )
 
 
+def _goals(starts: jax.Array, region: jax.Array) -> jax.Array:
+    """Where targets at `starts` (2, 2) are put: the nearest places well inside the region, apart from each other."""
+    low, high = geometry.region_corners(region)
+    nearest = jnp.clip(starts, low + _INSET, high - _INSET)
+    opposite = low + high - nearest[0]
+    close = jnp.linalg.norm(nearest[1] - nearest[0]) < _APART
+    return nearest.at[1].set(jnp.where(close, opposite, nearest[1]))
+
+
+def _outside(region: jax.Array) -> jax.Array:
+    """Two places beside the region, on its roomier sides: (2, 2)."""
+    low, high = geometry.region_corners(region)
+    centre = (low + high) / 2
+    beside = jnp.clip(jnp.where(centre > 0, low - _APART, high + _APART), -_OPEN_PLACE, _OPEN_PLACE)
+    return jnp.stack([jnp.stack([centre[0], beside[1]]), jnp.stack([beside[0], centre[1]])])
+
+
+def _corner(region: jax.Array) -> jax.Array:
+    """The corner of the arena behind the region: (2,)."""
+    return _OPEN_PLACE * jnp.where(geometry.region_centre(region) > 0, 1.0, -1.0)
+
+
 def begin() -> Progress:
     """Progress at the start of an episode."""
     zero = jnp.zeros((), jnp.int32)
     return Progress(zero, zero, zero)
 
 
-def act(plan: Plan, progress: Progress, qpos: jax.Array, key: jax.Array) -> tuple[Progress, jax.Array]:
-    """One decision of the expert at `qpos` (20,): the next progress and an action (3,)."""
+def act(
+    plan: Plan, progress: Progress, qpos: jax.Array, region: jax.Array, key: jax.Array
+) -> tuple[Progress, jax.Array]:
+    """One decision of the expert at `qpos` (5 + 3M,): the next progress and an action (3,)."""
     job = jnp.minimum(progress.job, MAX_JOBS - 1)
-    block = environment.blocks(qpos)[plan.block[job], :2]
+    block = blocks(qpos)[plan.block[job], :2]
     goal = plan.goal[job]
     robot, ahead = qpos[:2], geometry.heading(qpos[2])
     way_out = geometry.rotation(plan.side[job]) @ _unit(goal - block)
@@ -120,8 +155,9 @@ def act(plan: Plan, progress: Progress, qpos: jax.Array, key: jax.Array) -> tupl
     turn_to_block, turn_rear = _turn(facing), _turn(rear)
     held = jnp.linalg.norm(block - robot)
     to_goal = jnp.linalg.norm(goal - block)
-    # Dragged past it, a block is as near its goal as it gets.
-    arrived = (to_goal < 0.05) | ((to_goal < 0.25) & ((goal - block) @ ahead > -0.05))
+    # Dragged past it, or with the robot at the wall, a block is as near its goal as it gets.
+    stopped = (jnp.max(jnp.abs(robot)) > _AT_WALL) & geometry.inside_region(region, block)
+    arrived = (to_goal < 0.05) | ((to_goal < 0.25) & ((goal - block) @ ahead > -0.05)) | stopped
     phase = progress.phase
     by_phase = jnp.stack(
         [
@@ -174,13 +210,13 @@ def _bearing(ahead: jax.Array, direction: jax.Array) -> jax.Array:
 
 def _turn(bearing: jax.Array) -> jax.Array:
     """Turn command that removes a bearing within a control step or two."""
-    return jnp.clip(bearing / (environment.TURN_RATE * environment.CONTROL_DT * 1.3), -1.0, 1.0)
+    return jnp.clip(bearing / (TURN_RATE * CONTROL_DT * 1.3), -1.0, 1.0)
 
 
 def _go_to(qpos: jax.Array, point: jax.Array) -> jax.Array:
     """Speed and turn towards `point`, around the blocks on the way: (2,)."""
     robot, ahead = qpos[:2], geometry.heading(qpos[2])
-    offset = robot - environment.blocks(qpos)[:, :2]
+    offset = robot - blocks(qpos)[:, :2]
     distance = jnp.linalg.norm(offset, axis=-1)
     to_point = jnp.linalg.norm(point - robot)
     push = jnp.maximum(0.0, AVOID_DISTANCE - distance) / AVOID_DISTANCE * jnp.minimum(1.0, to_point / 0.3)
@@ -200,52 +236,56 @@ def _go_to(qpos: jax.Array, point: jax.Array) -> jax.Array:
 
 
 @partial(jit_physics, static_argnums=0)
-def rollouts(task: environment.MatchRegions, key: jax.Array, kinds: jax.Array) -> tuple[jax.Array, jax.Array]:
+def rollouts(task: MatchRegions, key: jax.Array, kinds: jax.Array) -> tuple[jax.Array, Scene, jax.Array]:
     """Runs one episode of each kind in `kinds` (B,) side by side.
 
     Returns:
-      qpos of every frame (B, T + 1, 20), and after how many frames each plan was done (B,) int32.
+      qpos of every frame (B, T + 1, 5 + 3M), the scenes (B, ...), and after how many frames each plan was done (B,)
+      int32.
     """
     reset_key, plan_key, act_key = jax.random.split(key, 3)
     batch = kinds.shape[0]
     physics = jax.vmap(lambda key: task.reset(key).pipeline_state)(jax.random.split(reset_key, batch))
-    plans = jax.vmap(draw_plan)(jax.random.split(plan_key, batch), kinds)
+    plans = jax.vmap(draw_plan)(jax.random.split(plan_key, batch), kinds, physics.qpos, physics.scene)
     progress = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch,)), begin())
 
-    def step(carry: tuple, key: jax.Array) -> tuple:
+    def step(carry: tuple[PhysicsState, Progress], key: jax.Array) -> tuple:
         physics, progress = carry
-        progress, actions = jax.vmap(act)(plans, progress, physics.qpos, jax.random.split(key, batch))
+        keys = jax.random.split(key, batch)
+        progress, actions = jax.vmap(act)(plans, progress, physics.qpos, physics.scene.region, keys)
         physics = jax.vmap(task.advance)(physics, actions)
         return (physics, progress), (physics.qpos, progress.job < plans.jobs)
 
-    start = physics.qpos
+    start, scene = physics.qpos, physics.scene
     keys = jax.random.split(act_key, task.episode_length)
     _, (qpos, busy) = jax.lax.scan(step, (physics, progress), keys)
     frames = jnp.concatenate([start[None], qpos]).swapaxes(0, 1)
-    return frames, jnp.sum(busy, axis=0, dtype=jnp.int32)
+    return frames, scene, jnp.sum(busy, axis=0, dtype=jnp.int32)
 
 
-def demonstrate(task: environment.MatchRegions, key: jax.Array, successes: int, failures: int) -> Demonstrations:
+def demonstrate(task: MatchRegions, key: jax.Array, successes: int, failures: int) -> Demonstrations:
     """Demonstrations that really succeed and failures that really fail; see `collect`."""
 
-    def run(key: jax.Array, kinds: np.ndarray) -> tuple[tuple[np.ndarray, np.ndarray], np.ndarray]:
-        qpos, busy = (np.asarray(array) for array in rollouts(task, key, jnp.asarray(kinds)))
-        return (qpos, busy), np.asarray(jax.vmap(environment.score)(qpos[:, -1])) == 1.0
+    def run(key: jax.Array, kinds: np.ndarray) -> tuple[tuple[np.ndarray, Scene, np.ndarray], np.ndarray]:
+        episodes = jax.tree.map(np.asarray, rollouts(task, key, jnp.asarray(kinds)))
+        qpos, scene, _ = episodes
+        return episodes, np.asarray(jax.vmap(score)(qpos[:, -1], scene)) == 1.0
 
-    (qpos, busy), kinds = collect(run, key, successes, failures, len(FAILURES), BATCH, MAX_BATCHES)
-    return _as_demonstrations(task, qpos, busy, kinds)
+    (qpos, scene, busy), kinds = collect(run, key, successes, failures, len(FAILURES), BATCH, MAX_BATCHES)
+    return _as_demonstrations(task, qpos, scene, busy, kinds)
 
 
 def _as_demonstrations(
-    task: environment.MatchRegions, qpos: np.ndarray, busy: np.ndarray, kinds: np.ndarray
+    task: MatchRegions, qpos: np.ndarray, scene: Scene, busy: np.ndarray, kinds: np.ndarray
 ) -> Demonstrations:
-    boxes, mask = jax.jit(jax.vmap(jax.vmap(environment.boxes)))(qpos)
-    placed = np.asarray(geometry.inside_region(qpos[:, :, 5:11].reshape(*qpos.shape[:2], 2, 3)[..., :2]))
+    every_frame = (0, None)
+    found, mask = jax.jit(jax.vmap(jax.vmap(task.scene_boxes, every_frame)))(qpos, scene)
+    placed = np.asarray(jax.vmap(jax.vmap(placed_targets, every_frame))(qpos, scene))
     reached = np.concatenate([placed, placed.all(-1, keepdims=True)], -1)
     # A plan of no jobs is not over at once: its robot stands there for the whole episode.
     lengths = np.where(kinds == 1 + FAILURES.index("nothing"), qpos.shape[1], busy + TAIL_FRAMES)
     return Demonstrations(
-        boxes=np.asarray(boxes),
+        boxes=np.asarray(found),
         mask=np.asarray(mask),
         lengths=np.minimum(lengths, qpos.shape[1]).astype(np.int32),
         success=kinds == 0,
@@ -253,6 +293,7 @@ def _as_demonstrations(
         frame_rate=task.frame_rate,
         source="scripted expert",
         task=task.name,
+        classes=None if task.layout.fixed else np.asarray(jax.vmap(class_ids)(scene)),
         events=reached_for_good(reached),
         event_names=task.event_names,
         kinds=np.array(("success", *FAILURES))[kinds],

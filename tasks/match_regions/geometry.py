@@ -24,7 +24,9 @@ VIEW_HALF = 1.02
 DRAWN_LOWER = FINGER_LOWER - FINGER_HALF_THICKNESS
 """The lower finger as MAGICAL draws it: its rounded end is part of its length, which the collision shape adds."""
 REGION = (0.1, 0.7, 0.0, 0.7)
-"""The goal region: x from, x to, y from, y to (arena units)."""
+"""The goal region of the Demo layout: x from, x to, y from, y to (arena units), as every region (4,) here."""
+SHAPES = ("star", "square", "pentagon", "circle")
+STAR, SQUARE, PENTAGON, CIRCLE = range(4)
 
 SQUARE_CIRCUMRADIUS = BLOCK_SIZE * math.sqrt(math.pi / 2)
 PENTAGON_CIRCUMRADIUS = BLOCK_SIZE * math.sqrt(math.pi / (2.5 * math.sin(2 * math.pi / 5)))
@@ -39,17 +41,15 @@ def _polygon(sides: int, radius: float, phase: float) -> np.ndarray:
 
 
 # The box of a star is that of its five outer points.
-_PENTAGON = _polygon(5, PENTAGON_CIRCUMRADIUS, math.pi / 2)
 _CORNERS = np.stack(
     [
         _polygon(5, STAR_OUTER, math.pi / 2),
         _polygon(4, SQUARE_CIRCUMRADIUS, math.pi / 4),
-        _PENTAGON,
+        _polygon(5, PENTAGON_CIRCUMRADIUS, math.pi / 2),
         np.zeros((_MAX_VERTICES, 2)),
-        _PENTAGON,
     ]
 ).astype(np.float32)
-_ROUNDING = np.array([0, 0, 0, BLOCK_SIZE, 0], np.float32)
+_ROUNDING = np.array([0, 0, 0, BLOCK_SIZE], np.float32)
 
 
 def rotation(theta: jax.Array) -> jax.Array:
@@ -63,17 +63,20 @@ def heading(theta: jax.Array) -> jax.Array:
     return jnp.stack([-jnp.sin(theta), jnp.cos(theta)])
 
 
-def region_centre() -> jax.Array:
-    """Centre of the goal region: (2,)."""
-    west, east, south, north = REGION
-    return jnp.array([(west + east) / 2, (south + north) / 2], jnp.float32)
+def region_centre(region: jax.Array) -> jax.Array:
+    """Centre of a region (4,): (2,)."""
+    return jnp.stack([region[0] + region[1], region[2] + region[3]]) / 2
 
 
-def inside_region(positions: jax.Array) -> jax.Array:
-    """Whether points (..., 2) lie in the goal region: (...,) bool."""
-    west, east, south, north = REGION
-    x, y = positions[..., 0], positions[..., 1]
-    return (x >= west) & (x <= east) & (y >= south) & (y <= north)
+def region_corners(region: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """South-western and north-eastern corner of a region (4,): (2,) each."""
+    return jnp.stack([region[0], region[2]]), jnp.stack([region[1], region[3]])
+
+
+def inside_region(region: jax.Array, positions: jax.Array) -> jax.Array:
+    """Whether points (..., 2) lie in a region (4,): (...,) bool."""
+    low, high = region_corners(region)
+    return jnp.all((positions >= low) & (positions <= high), axis=-1)
 
 
 def finger_points(fingers: jax.Array) -> jax.Array:
@@ -105,29 +108,28 @@ def robot_box(pose: jax.Array, fingers: jax.Array) -> jax.Array:
     return _box(points @ rotation(pose[2]).T + pose[:2], radii)
 
 
-def block_boxes(poses: jax.Array) -> jax.Array:
-    """Boxes of the five blocks at `poses` (5, 3), x, y, theta each: (5, 4)."""
+def block_boxes(poses: jax.Array, shapes: jax.Array) -> jax.Array:
+    """Boxes of blocks at `poses` (M, 3), x, y, theta each, whose `shapes` (M,) index `SHAPES`: (M, 4)."""
 
     def one(pose: jax.Array, corners: jax.Array, rounding: jax.Array) -> jax.Array:
         points = corners @ rotation(pose[2]).T + pose[:2]
         return _box(points, jnp.full(_MAX_VERTICES, rounding))
 
-    return jax.vmap(one)(poses, jnp.asarray(_CORNERS), jnp.asarray(_ROUNDING))
+    return jax.vmap(one)(poses, jnp.asarray(_CORNERS)[shapes], jnp.asarray(_ROUNDING)[shapes])
 
 
-def region_box() -> jax.Array:
-    """Box of the goal region: (4,)."""
-    west, east, south, north = REGION
-    return _box(jnp.array([[west, south], [east, north]]), jnp.zeros(2))
+def region_box(region: jax.Array) -> jax.Array:
+    """Box of a region (4,): (4,)."""
+    return _box(jnp.stack(region_corners(region)), jnp.zeros(2))
 
 
-def outline(block: int) -> np.ndarray:
-    """Corners of a block's drawn outline in its own frame, for pictures: (V, 2)."""
-    if _ROUNDING[block]:
+def outline(shape: int) -> np.ndarray:
+    """Corners of a shape's drawn outline in its own frame, for pictures: (V, 2)."""
+    if shape == CIRCLE:
         angles = np.linspace(0, 2 * math.pi, 32, endpoint=False)
         return BLOCK_SIZE * np.stack([np.cos(angles), np.sin(angles)], -1)
-    if block == 0:
+    if shape == STAR:
         angles = math.pi / 2 + np.arange(10) * math.pi / 5
         radii = np.where(np.arange(10) % 2, STAR_INNER, STAR_OUTER)[:, None]
         return radii * np.stack([np.cos(angles), np.sin(angles)], -1)
-    return _CORNERS[block][: 4 if block == 1 else 5]
+    return _CORNERS[shape][: 4 if shape == SQUARE else 5]

@@ -1,4 +1,7 @@
-"""Where episodes start: distributions over `Start`, cheap enough to be drawn at every environment step."""
+"""Where episodes start: distributions over `Start`, cheap enough to be drawn at every environment step.
+
+Symbols: M block slots, of which some may be empty. The first two are the targets.
+"""
 
 import math
 from dataclasses import dataclass
@@ -9,8 +12,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from tasks.match_regions import geometry
-from tasks.match_regions.model import ARENA_HALF, BLOCK_SIZE, FINGER_OPEN, ROBOT_RADIUS
+from tasks.match_regions.geometry import CIRCLE, PENTAGON, REGION, SQUARE, STAR
+from tasks.match_regions.model import ARENA_HALF, BLOCK_REACH, BLOCK_SIZE, FINGER_OPEN, ROBOT_RADIUS
 
+NUM_TARGETS = 2
+COLOURS = ("red", "green", "blue", "yellow")
+RED, GREEN, BLUE, YELLOW = range(4)
 ROBOT_START = np.array([-0.5, 0.1, -1.2 * math.pi], np.float32)
 BLOCK_STARTS = np.array(
     [
@@ -25,39 +32,133 @@ BLOCK_STARTS = np.array(
 HELD_REACH = 0.325
 HELD_OPENING = 0.2
 _CANDIDATES = 6
-_NONE_MOVED = np.zeros(5, bool)
+# What blocks and robot keep free around their centres: the star reaches furthest, and the robot has fingers.
+_CLEARANCE, _ROBOT_CLEARANCE = 1.25 * BLOCK_SIZE, 1.25 * ROBOT_RADIUS
 # How far a bump shifts a distractor, a standard deviation in arena units.
 _BUMP = 0.12
+
+
+class Scene(NamedTuple):
+    """What an episode is played with.
+
+    | field         | shape | dtype   | meaning                                                                  |
+    |---------------|-------|---------|--------------------------------------------------------------------------|
+    | region        | (4,)  | float32 | goal region: x from, x to, y from, y to                                  |
+    | region_colour | ()    | int32   | index into `COLOURS`                                                     |
+    | colours       | (M,)  | int32   | of the blocks; the targets have the region's                             |
+    | shapes        | (M,)  | int32   | of the blocks, index into `geometry.SHAPES`                              |
+    | present       | (M,)  | bool    | the slot holds a block; the first always does                            |
+    | strengths     | (5,)  | float32 | factors on the forces in `Physics`: drive, turn, fingers, and of the dry |
+    |               |       |         | friction under blocks, force and torque                                  |
+    """
+
+    region: jax.Array
+    region_colour: jax.Array
+    colours: jax.Array
+    shapes: jax.Array
+    present: jax.Array
+    strengths: jax.Array
 
 
 class Start(NamedTuple):
     """An initial configuration.
 
-    | field | shape | dtype   | meaning                                               |
-    |-------|-------|---------|-------------------------------------------------------|
-    | qpos  | (20,) | float32 | see `env.PhysicsState`                                |
-    | moved | (5,)  | bool    | blocks that count as moved before the episode begins |
+    | field | shape     | dtype   | meaning                                                       |
+    |-------|-----------|---------|---------------------------------------------------------------|
+    | qpos  | (5 + 3M,) | float32 | see `state.PhysicsState`                                      |
+    | moved | (M,)      | bool    | blocks that count as moved before the episode begins          |
+    | homes | (2, 2)    | float32 | places that the targets count as brought from                 |
+    | scene |           |         | `Scene`                                                       |
     """
 
     qpos: jax.Array
     moved: jax.Array
+    homes: jax.Array
+    scene: Scene
 
 
 class Layout(Protocol):
-    """Draws initial configurations."""
+    """Draws initial configurations.
+
+    Attributes:
+      blocks: M, how many block slots there are.
+      fixed: every episode has the same blocks under the same forces, those of `demo_scene`; poses and region differ.
+    """
+
+    @property
+    def blocks(self) -> int: ...
+
+    @property
+    def fixed(self) -> bool: ...
 
     def sample(self, key: jax.Array) -> Start:
         """One of them."""
         ...
 
 
+def demo_scene() -> Scene:
+    """The scene of MAGICAL's demonstrations, M = 5, on the host."""
+    return Scene(
+        region=np.array(REGION, np.float32),
+        region_colour=np.int32(GREEN),
+        colours=np.array([GREEN, GREEN, BLUE, YELLOW, YELLOW], np.int32),
+        shapes=np.array([STAR, SQUARE, PENTAGON, CIRCLE, PENTAGON], np.int32),
+        present=np.ones(5, bool),
+        strengths=np.ones(5, np.float32),
+    )  # type: ignore[arg-type]  # numpy arrays are as good as JAX's
+
+
 def pack(robot: jax.Array, fingers: jax.Array, blocks: jax.Array) -> jax.Array:
-    """Joins robot pose (3,), finger angles (2,) and block poses (5, 3) to a `qpos` (20,)."""
+    """Joins robot pose (3,), finger angles (2,) and block poses (M, 3) to a `qpos` (5 + 3M,)."""
     return jnp.concatenate([robot, fingers, blocks.ravel()])
 
 
-def _open_fingers() -> jax.Array:
+def open_fingers() -> jax.Array:
+    """Angles of both fingers, open: (2,)."""
     return jnp.array([FINGER_OPEN, -FINGER_OPEN], jnp.float32)
+
+
+def begin(poses: jax.Array, scene: Scene) -> Start:
+    """A start at poses (1 + M, 3) of robot and blocks; nothing has been moved."""
+    moved = jnp.zeros(poses.shape[0] - 1, bool)
+    return Start(pack(poses[0], open_fingers(), poses[1:]), moved, poses[1 : 1 + NUM_TARGETS, :2], scene)
+
+
+def jittered(key: jax.Array, poses: jax.Array, shift: jax.Array | float, turn: jax.Array | float) -> jax.Array:
+    """Poses (K, 3) of the robot and blocks, each shifted by up to `shift` per axis and turned by up to `turn`."""
+    limits = jnp.stack([shift, shift, turn])
+    poses = poses + limits * jax.random.uniform(key, poses.shape, minval=-1.0, maxval=1.0)
+    # A wide jitter must not push an object into the wall it starts beside.
+    reach = jnp.array([ARENA_HALF - ROBOT_RADIUS] + [BLOCK_REACH] * (poses.shape[0] - 1))[:, None]
+    return jnp.concatenate([jnp.clip(poses[:, :2], -reach, reach), poses[:, 2:]], axis=-1)
+
+
+def scatter(key: jax.Array, present: jax.Array, keep_clear: jax.Array | None = None) -> jax.Array:
+    """Poses (1 + M, 3) of the robot and of the blocks `present` (M,), anywhere: one after the other, each in the first
+    of a few random places that is free of the earlier ones (and of the region `keep_clear` (4,), if given), or in the
+    freest.
+    """
+    place_key, angle_key = jax.random.split(key)
+    number = 1 + present.shape[0]
+    radii = jnp.array([_ROBOT_CLEARANCE] + [_CLEARANCE] * (number - 1))
+    places = jax.random.uniform(place_key, (number, _CANDIDATES, 2), minval=-1.0, maxval=1.0)
+    places = places * (ARENA_HALF - radii)[:, None, None]
+    clear = jnp.full(places.shape[:2], jnp.inf)
+    if keep_clear is not None:
+        low, high = geometry.region_corners(keep_clear)
+        clear = jnp.linalg.norm(places - jnp.clip(places, low, high), axis=-1) - radii[:, None]
+    there = jnp.append(True, present)
+
+    def place(index: int, chosen: jax.Array) -> jax.Array:
+        gaps = jnp.linalg.norm(places[index][:, None] - chosen, axis=-1) - radii[index] - radii
+        earlier = there & (jnp.arange(number) < index)
+        free = jnp.minimum(jnp.min(jnp.where(earlier, gaps, jnp.inf), axis=1), clear[index])
+        # Beyond 0 one place is as good as another: the first such, or the freest.
+        return chosen.at[index].set(places[index, jnp.argmax(jnp.minimum(free, 0.0))])
+
+    chosen = jax.lax.fori_loop(0, number, place, jnp.zeros((number, 2)))
+    angles = jax.random.uniform(angle_key, (number, 1), minval=-math.pi, maxval=math.pi)
+    return jnp.concatenate([chosen, angles], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -65,48 +166,12 @@ class Demo:
     """MAGICAL's demonstration layout, every pose shifted and turned uniformly by up to `jitter` units (radians)."""
 
     jitter: float = 0.03
+    blocks = 5
+    fixed = True
 
     def sample(self, key: jax.Array) -> Start:
         poses = jnp.concatenate([ROBOT_START[None], BLOCK_STARTS])
-        poses = poses + jax.random.uniform(key, poses.shape, minval=-self.jitter, maxval=self.jitter)
-        # A wide jitter must not push an object into the wall it starts beside.
-        radii = jnp.array([ROBOT_RADIUS] + [BLOCK_SIZE] * 5)[:, None]
-        places = jnp.clip(poses[:, :2], radii - ARENA_HALF, ARENA_HALF - radii)
-        poses = jnp.concatenate([places, poses[:, 2:]], axis=-1)
-        return Start(pack(poses[0], _open_fingers(), poses[1:]), jnp.asarray(_NONE_MOVED))
-
-
-@dataclass(frozen=True)
-class Jitter(Demo):
-    """MAGICAL's Jitter variant: shifted by up to 0.05 of the arena's side, turned by up to 0.05 of a full turn."""
-
-    jitter: float = 0.1
-
-    def sample(self, key: jax.Array) -> Start:
-        position_key, angle_key = jax.random.split(key)
-        qpos, moved = Demo(self.jitter).sample(position_key)
-        turn = jax.random.uniform(angle_key, (6,), minval=-0.1 * math.pi, maxval=0.1 * math.pi)
-        return Start(qpos.at[jnp.array([2, 7, 10, 13, 16, 19])].add(turn), moved)
-
-
-@dataclass(frozen=True)
-class Random:
-    """MAGICAL's Layout variant with the region left in place: robot and blocks anywhere, angles uniform.
-
-    Free of overlap where six tries find such a place.
-    """
-
-    def sample(self, key: jax.Array) -> Start:
-        place_key, angle_key = jax.random.split(key)
-        radii = jnp.array([ROBOT_RADIUS] + [1.2 * BLOCK_SIZE] * 5)
-        reach = (ARENA_HALF - radii)[:, None]
-        places = jax.random.uniform(place_key, (_CANDIDATES, 6, 2), minval=-1.0, maxval=1.0) * reach
-        gaps = jnp.linalg.norm(places[:, :, None] - places[:, None], axis=-1) - radii[:, None] - radii
-        clearance = jnp.min(gaps + 10.0 * jnp.eye(6), axis=(1, 2))
-        places = places[jnp.argmax(clearance)]
-        angles = jax.random.uniform(angle_key, (6, 1), minval=-math.pi, maxval=math.pi)
-        poses = jnp.concatenate([places, angles], axis=-1)
-        return Start(pack(poses[0], _open_fingers(), poses[1:]), jnp.asarray(_NONE_MOVED))
+        return begin(jittered(key, poses, self.jitter, self.jitter), jax.tree.map(jnp.asarray, demo_scene()))
 
 
 @dataclass(frozen=True)
@@ -124,35 +189,54 @@ class Training:
     varied: float = 0.7
     bumped: float = 0.5
 
+    @property
+    def blocks(self) -> int:
+        return self.base.blocks
+
+    @property
+    def fixed(self) -> bool:
+        return self.base.fixed
+
     def sample(self, key: jax.Array) -> Start:
         base_key, random_key, share_key, focus_key, choice_key, place_key, robot_key, bump_key = jax.random.split(
             key, 8
         )
-        (base, moved), (scattered, _) = self.base.sample(base_key), Random().sample(random_key)
-        blocks, random_blocks = base[5:].reshape(5, 3), scattered[5:].reshape(5, 3)
-        in_focus = jnp.arange(2) == jax.random.randint(focus_key, (), 0, 2)
+        start = self.base.sample(base_key)
+        scene, blocks = start.scene, start.qpos[5:].reshape(-1, 3)
+        scattered = scatter(random_key, scene.present)
+        count = jnp.sum(scene.present[:NUM_TARGETS])
+        in_focus = jnp.arange(NUM_TARGETS) == jax.random.randint(focus_key, (), 0, count)
         focus_anywhere, other_placed, at_focus = jax.random.bernoulli(choice_key, shape=(3,))
+        at_focus = at_focus | (count == 1)
 
-        west, east, south, north = geometry.REGION
-        placed = jax.random.uniform(place_key, (2,), minval=jnp.array([west, south]), maxval=jnp.array([east, north]))
-        replaced = jnp.where(in_focus[:, None], random_blocks[:2], random_blocks[:2].at[:, :2].set(placed))
-        targets = jnp.where(jnp.where(in_focus, focus_anywhere, other_placed)[:, None], replaced, blocks[:2])
-        robot, opening = _approach(robot_key, scattered[:3], jnp.where(in_focus[0] == at_focus, targets[0], targets[1]))
-        varied = pack(robot, opening * scattered[3:5], jnp.concatenate([targets, blocks[2:]]))
-        qpos = jnp.where(jax.random.uniform(share_key) < self.varied, varied, base)
-        return _bump(bump_key, Start(qpos, moved), self.bumped)
+        low, high = geometry.region_corners(scene.region)
+        placed = jax.random.uniform(place_key, (2,), minval=low, maxval=high)
+        anywhere = scattered[1 : 1 + NUM_TARGETS]
+        replaced = jnp.where(in_focus[:, None], anywhere, anywhere.at[:, :2].set(placed))
+        replacing = jnp.where(in_focus, focus_anywhere, other_placed) & scene.present[:NUM_TARGETS]
+        targets = jnp.where(replacing[:, None], replaced, blocks[:NUM_TARGETS])
+        beside = jnp.where(in_focus[0] == at_focus, targets[0], targets[1])
+        robot, opening = _approach(robot_key, scattered[0], beside)
+        varied = pack(robot, opening * open_fingers(), blocks.at[:NUM_TARGETS].set(targets))
+        chosen = jax.random.uniform(share_key) < self.varied
+        # A target that starts in its place counts as brought there from where the layout had it.
+        inside = geometry.inside_region(scene.region, targets[:, :2])
+        homes = jnp.where((chosen & ~inside)[:, None], targets[:, :2], start.homes)
+        start = start._replace(qpos=jnp.where(chosen, varied, start.qpos), homes=homes)
+        return _bump(bump_key, start, self.bumped)
 
 
 def _bump(key: jax.Array, start: Start, share: float) -> Start:
     """With probability `share`, distractors shifted a little, each with equal chances; they count as moved."""
     episode_key, block_key, shift_key = jax.random.split(key, 3)
-    bumped = jax.random.bernoulli(episode_key, share) & jax.random.bernoulli(block_key, shape=(5,))
-    bumped = bumped & (jnp.arange(5) >= 2)
-    blocks = start.qpos[5:].reshape(5, 3)
-    reach = ARENA_HALF - BLOCK_SIZE
-    places = jnp.clip(blocks[:, :2] + _BUMP * jax.random.normal(shift_key, (5, 2)), -reach, reach)
+    blocks, present = start.qpos[5:].reshape(-1, 3), start.scene.present
+    bumped = jax.random.bernoulli(episode_key, share) & jax.random.bernoulli(block_key, shape=present.shape)
+    bumped = bumped & present & (jnp.arange(present.shape[0]) >= NUM_TARGETS)
+    shift = _BUMP * jax.random.normal(shift_key, (present.shape[0], 2))
+    places = jnp.clip(blocks[:, :2] + shift, -BLOCK_REACH, BLOCK_REACH)
     blocks = blocks.at[:, :2].set(jnp.where(bumped[:, None], places, blocks[:, :2]))
-    return Start(jnp.concatenate([start.qpos[:5], blocks.ravel()]), start.moved | bumped)
+    qpos = jnp.concatenate([start.qpos[:5], blocks.ravel()])
+    return start._replace(qpos=qpos, moved=start.moved | bumped)
 
 
 def _approach(key: jax.Array, robot: jax.Array, block: jax.Array) -> tuple[jax.Array, jax.Array]:

@@ -2,7 +2,8 @@
 
 Everything moves in the plane z = 0 and is seen from above. Blocks collide as discs of their nominal size, which
 keeps every contact a sphere-sphere or sphere-capsule pair; their drawn outlines (`geometry.py`) give the boxes.
-Sub-steps, solver and contact limits were chosen with `benchmarks/physics_settings.py`.
+Sub-steps, solver and contact limits were chosen with `benchmarks/physics_settings.py`; what they make of recorded
+human actions, `benchmarks/magical_fidelity.py` measures.
 """
 
 import math
@@ -23,9 +24,14 @@ FINGER_OPEN = math.pi / 8
 FINGER_HALF_THICKNESS = 0.125 * ROBOT_RADIUS
 BLOCK_SIZE = 0.12
 BLOCK_MASS = 0.5
-BLOCK_NAMES = ("star", "square", "blue_pentagon", "yellow_circle", "yellow_pentagon")
+BLOCK_REACH = ARENA_HALF - BLOCK_SIZE
 CONTROL_DT = 0.125
 """Seconds per control step: MAGICAL runs at 8 Hz."""
+MAGICAL_SUBSTEPS = 10
+FRICTION_PER_AXIS = math.pi / 4
+"""Dry friction acts per axis; this makes its mean over all directions of motion MAGICAL's limit."""
+# A finger's inertia about its hinge, which is also where MAGICAL has its centre of mass.
+_FINGER_INERTIA = 0.005
 
 
 @dataclass(frozen=True)
@@ -33,7 +39,6 @@ class Physics:
     """Simulation settings (static: they shape the compiled program).
 
     Forces are in arena units: MAGICAL limits the force of a joint's motor and of the dry friction under a block.
-    `heading_drive` limits the drive along the robot's heading, as MAGICAL does, instead of along each axis.
     """
 
     substeps: int = 3
@@ -47,14 +52,25 @@ class Physics:
     block_friction_torque: float = 0.1
     block_damping: float = 1.0
     finger_friction: float = 2.5
-    finger_armature: float = 0.05
+    finger_armature: float = 0.1
     contact_time_constant: float = 2.0
-    heading_drive: bool = False
+
+    @property
+    def timestep(self) -> float:
+        """Seconds per sub-step."""
+        return CONTROL_DT / self.substeps
+
+    @property
+    def lag(self) -> float:
+        """Share of a sub-step by which positions lag behind velocities.
+
+        MuJoCo moves bodies by their new velocity, which runs half a sub-step ahead; MAGICAL's engine moves them by the
+        old one, half of its own sub-step behind.
+        """
+        return 0.5 + 0.5 * self.substeps / MAGICAL_SUBSTEPS
 
 
-FAITHFUL = Physics(
-    substeps=6, iterations=4, ls_iterations=8, max_contact_points=10, block_damping=0.0, heading_drive=True
-)
+FAITHFUL = Physics(substeps=6, iterations=4, ls_iterations=8, max_contact_points=10, block_damping=0.0)
 """Nearer to MAGICAL, and slower; see `benchmarks/magical_fidelity.py`."""
 
 
@@ -76,7 +92,7 @@ def _finger(side: str, sign: int, physics: Physics) -> str:
     <body name="{side}_finger" pos="{hinge_x} {hinge_y} 0">
       <joint name="{side}_finger" type="hinge" axis="0 0 1" limited="true" range="{low} {high}"
              armature="{physics.finger_armature}"/>
-      <inertial pos="0 {FINGER_UPPER * 0.8} 0" mass="{FINGER_MASS}" diaginertia="0.0015 0.0015 0.0015"/>
+      <inertial pos="0 0 0" mass="{FINGER_MASS}" diaginertia="{_FINGER_INERTIA} {_FINGER_INERTIA} {_FINGER_INERTIA}"/>
       <geom name="{side}_upper" type="capsule" size="{FINGER_HALF_THICKNESS}" fromto="0 0 0 0 {FINGER_UPPER} 0"/>
       <geom name="{side}_lower" type="capsule" size="{FINGER_HALF_THICKNESS}"
             fromto="0 {FINGER_UPPER} 0 {tip_x} {tip_y} 0"/>
@@ -84,26 +100,29 @@ def _finger(side: str, sign: int, physics: Physics) -> str:
     </body>"""
 
 
+def _block_names(blocks: int) -> list[str]:
+    return [f"block_{index}" for index in range(blocks)]
+
+
 def _block(name: str, physics: Physics) -> str:
-    # Dry friction acts per axis; pi / 4 makes its mean over all directions of motion MAGICAL's limit.
-    # The damping ends the creep that one solver iteration leaves in it.
-    friction = physics.block_friction_force * math.pi / 4
+    # The damping ends the creep that one solver iteration leaves in the dry friction.
+    friction = physics.block_friction_force * FRICTION_PER_AXIS
     inertia = 0.5 * BLOCK_MASS * BLOCK_SIZE**2
     return f"""
   <body name="{name}">
-    {_slide_joints(name, ARENA_HALF - BLOCK_SIZE, friction, physics.block_damping)}
+    {_slide_joints(name, BLOCK_REACH, friction, physics.block_damping)}
     <joint name="{name}_theta" type="hinge" axis="0 0 1" frictionloss="{physics.block_friction_torque}"/>
     <inertial pos="0 0 0" mass="{BLOCK_MASS}" diaginertia="{inertia} {inertia} {inertia}"/>
     <geom name="{name}" type="sphere" size="{BLOCK_SIZE}"/>
   </body>"""
 
 
-def _contact_pairs(physics: Physics) -> str:
+def _contact_pairs(physics: Physics, names: list[str]) -> str:
     fingers = [f"{side}_{part}" for side in ("left", "right") for part in ("upper", "lower")]
     walls = ("west", "east", "south", "north")
-    grips = [(finger, block) for finger in fingers for block in BLOCK_NAMES]
-    smooth = [("robot", block) for block in BLOCK_NAMES]
-    smooth += [(a, b) for i, a in enumerate(BLOCK_NAMES) for b in BLOCK_NAMES[i + 1 :]]
+    grips = [(finger, block) for finger in fingers for block in names]
+    smooth = [("robot", block) for block in names]
+    smooth += [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
     smooth += [(f"{side}_tip", wall) for side in ("left", "right") for wall in walls]
     mu = physics.finger_friction
     return "".join(
@@ -120,12 +139,13 @@ def _walls() -> str:
     )
 
 
-def scene_xml(physics: Physics) -> str:
+def scene_xml(physics: Physics, blocks: int) -> str:
     """MJCF of the scene; joint order: robot x, y, theta, left finger, right finger, then x, y, theta per block."""
-    timestep = CONTROL_DT / physics.substeps
+    names = _block_names(blocks)
+    timestep = physics.timestep
     inertia = 0.5 * ROBOT_MASS * ROBOT_RADIUS**2
-    total_inertia = inertia + 2 * FINGER_MASS * ((FINGER_UPPER * 0.8 + FINGER_HINGE[1]) ** 2 + FINGER_HINGE[0] ** 2)
-    finger_inertia = FINGER_MASS * (FINGER_UPPER * 0.8) ** 2 + 0.0015 + physics.finger_armature
+    total_inertia = inertia + 2 * (_FINGER_INERTIA + FINGER_MASS * (FINGER_HINGE[0] ** 2 + FINGER_HINGE[1] ** 2))
+    finger_inertia = _FINGER_INERTIA + physics.finger_armature
     # Velocity servos whose gain reaches the commanded speed within one sub-step, up to the motor's limit.
     drive, turn, grip = DRIVEN_MASS / timestep, total_inertia / timestep, finger_inertia / timestep
 
@@ -155,9 +175,9 @@ def scene_xml(physics: Physics) -> str:
       {_finger("left", -1, physics)}
       {_finger("right", 1, physics)}
     </body>
-    {"".join(_block(name, physics) for name in BLOCK_NAMES)}
+    {"".join(_block(name, physics) for name in names)}
   </worldbody>
-  <contact>{_contact_pairs(physics)}</contact>
+  <contact>{_contact_pairs(physics, names)}</contact>
   <actuator>
     {servo("robot_x", drive, physics.drive_force)}
     {servo("robot_y", drive, physics.drive_force)}
@@ -168,6 +188,6 @@ def scene_xml(physics: Physics) -> str:
 </mujoco>"""
 
 
-def build_model(physics: Physics) -> mujoco.MjModel:
+def build_model(physics: Physics, blocks: int = 5) -> mujoco.MjModel:
     """Compile the scene for MuJoCo; `mjx.put_model` takes it from there."""
-    return mujoco.MjModel.from_xml_string(scene_xml(physics))
+    return mujoco.MjModel.from_xml_string(scene_xml(physics, blocks))

@@ -4,11 +4,10 @@ import numpy as np
 from PIL import Image, ImageDraw
 
 from graphrl_jax.drawing import INK, SCALE, Colour, RewardPanel, draw_boxes, draw_broken
-from tasks.match_regions.env import OBJECTS
-from tasks.match_regions.geometry import DRAWN_LOWER, REGION, VIEW_HALF, outline
+from tasks.match_regions.geometry import DRAWN_LOWER, VIEW_HALF, outline
+from tasks.match_regions.layouts import Scene
 from tasks.match_regions.model import (
     ARENA_HALF,
-    BLOCK_NAMES,
     CONTROL_DT,
     FINGER_BEND,
     FINGER_HALF_THICKNESS,
@@ -18,17 +17,17 @@ from tasks.match_regions.model import (
 )
 
 BACKGROUND: Colour = (248, 247, 243)
-GREEN: Colour = (91, 168, 92)
-BLUE: Colour = (66, 124, 196)
-YELLOW: Colour = (236, 190, 50)
-REGION_FILL: Colour = (222, 240, 220)
+BLOCK_COLOURS: tuple[Colour, ...] = ((205, 84, 80), (91, 168, 92), (66, 124, 196), (236, 190, 50))
+REGION_FILLS: tuple[Colour, ...] = ((246, 224, 222), (222, 240, 220), (218, 230, 244), (250, 240, 210))
+"""By colour, see `layouts.COLOURS`."""
 ROBOT_COLOUR: Colour = (150, 150, 156)
 FINGER_COLOUR: Colour = (112, 112, 120)
-BLOCK_COLOURS: tuple[Colour, ...] = (GREEN, GREEN, BLUE, YELLOW, YELLOW)
+_ROBOT_SLOT = 1
 
 
 def draw_scene(
     qpos: np.ndarray,
+    scene: Scene,
     size: int,
     boxes: np.ndarray | None = None,
     mask: np.ndarray | None = None,
@@ -37,7 +36,8 @@ def draw_scene(
     """The scene from above: arena, goal region, robot, blocks and, if given, the objects' boxes.
 
     Args:
-      qpos: (20,) configuration, see `env.PhysicsState`.
+      qpos: (5 + 3M,) configuration, see `state.PhysicsState`.
+      scene: region and blocks, on the host.
       size: pixels along an edge; the image spans [-1.02, 1.02]^2, y up.
       boxes: (N, 4) cx, cy, w, h in [0, 1], origin top left.
       mask: (N,) bool, which boxes are there; all, if left out.
@@ -51,18 +51,20 @@ def draw_scene(
     unit = size * SCALE / (2 * VIEW_HALF)
     line = max(SCALE, size * SCALE // 256)
 
-    _draw_region(draw, unit, line)
+    _draw_region(draw, scene, unit, line)
     draw.polygon(_pixels(_rectangle(-ARENA_HALF, ARENA_HALF, -ARENA_HALF, ARENA_HALF), unit), outline=INK, width=line)
     _draw_robot(draw, qpos[:3], qpos[3:5], unit)
-    for block, pose in enumerate(qpos[5:].reshape(len(BLOCK_NAMES), 3)):
-        draw.polygon(_pixels(_place(outline(block), pose), unit), fill=BLOCK_COLOURS[block])
+    for block in np.flatnonzero(scene.present):
+        corners = _place(outline(scene.shapes[block]), qpos[5 + 3 * block : 8 + 3 * block])
+        draw.polygon(_pixels(corners, unit), fill=BLOCK_COLOURS[scene.colours[block]])
     if boxes is not None:
-        draw_boxes(draw, size * SCALE, line, boxes, mask, active, OBJECTS.is_robot)
+        draw_boxes(draw, size * SCALE, line, boxes, mask, active, np.arange(len(boxes)) == _ROBOT_SLOT)
     return np.asarray(image.reduce(SCALE))
 
 
 def episode_frames(
     qpos: np.ndarray,
+    scenes: Scene,
     boxes: np.ndarray,
     mask: np.ndarray,
     active: np.ndarray,
@@ -73,7 +75,8 @@ def episode_frames(
     """A video of one episode: the scene with its boxes on the left, the reward so far on the right.
 
     Args:
-      qpos: (T, 20).
+      qpos: (T, 5 + 3M).
+      scenes: leaves (T, ...); an episode's frames share one.
       boxes: (T, N, 4), see `draw_scene`.
       mask: (T, N) bool.
       active: (T, N) bool.
@@ -85,8 +88,9 @@ def episode_frames(
       (T, size, 2 size, 3) uint8.
     """
     panel = RewardPanel(rewards, size, label, 1 / CONTROL_DT)
+    scene = Scene(*(np.asarray(leaf)[0] for leaf in scenes))
     frames = [
-        np.concatenate([draw_scene(qpos[t], size, boxes[t], mask[t], active[t]), panel.draw(t)], axis=1)
+        np.concatenate([draw_scene(qpos[t], scene, size, boxes[t], mask[t], active[t]), panel.draw(t)], axis=1)
         for t in range(len(qpos))
     ]
     return np.stack(frames)
@@ -128,10 +132,10 @@ def _rectangle(west: float, east: float, south: float, north: float) -> np.ndarr
     return np.array([[west, south], [east, south], [east, north], [west, north]])
 
 
-def _draw_region(draw: ImageDraw.ImageDraw, unit: float, line: int) -> None:
-    corners = _pixels(_rectangle(*REGION), unit)
-    draw.polygon(corners, fill=REGION_FILL)
-    draw_broken(draw, corners, GREEN, line, dash=0.04 * unit, gap=0.03 * unit)
+def _draw_region(draw: ImageDraw.ImageDraw, scene: Scene, unit: float, line: int) -> None:
+    corners = _pixels(_rectangle(*scene.region), unit)
+    draw.polygon(corners, fill=REGION_FILLS[scene.region_colour])
+    draw_broken(draw, corners, BLOCK_COLOURS[scene.region_colour], line, dash=0.04 * unit, gap=0.03 * unit)
 
 
 def _draw_robot(draw: ImageDraw.ImageDraw, pose: np.ndarray, fingers: np.ndarray, unit: float) -> None:

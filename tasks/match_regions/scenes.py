@@ -1,132 +1,161 @@
-"""Scenes of Match Regions on which a learned reward is audited."""
+"""Scenes of Match Regions on which a learned reward is audited: blocks anywhere, around regions that the task draws."""
 
 from functools import partial
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from graphrl_jax.landscape import Grid, Landscape
-from tasks.match_regions import env, geometry, layouts
+from tasks.match_regions import geometry, layouts
+from tasks.match_regions.layouts import NUM_TARGETS, Scene, Start
+from tasks.match_regions.state import blocks
+
+if TYPE_CHECKING:
+    from tasks.match_regions.env import MatchRegions
 
 RESOLUTION = 25
 NUM_RANDOM, NUM_PAIRS = 512, 256
-# Objects that count as moved: robot and both targets, as in every demonstration once a target is placed.
-_ACTIVE = np.array([False, True, True, True, False, False, False, False])
-_DISTRACTOR = np.array([False, False, False, False, True, True, True, False])
 # Of a target from the region's edge, just outside and some way inside.
 _BESIDE, _WITHIN = -0.03, 0.1
-_PLACED = np.array([[0.55, 0.2], [0.25, 0.55]], np.float32)
+# Where targets lie in a region, as shares of its sides.
+_PLACED = np.array([[0.75, 0.29], [0.25, 0.79]], np.float32)
 
 
-def landscape(key: jax.Array) -> Landscape:
+def landscape(task: "MatchRegions", key: jax.Array) -> Landscape:
     """Grids of either target (the other at its start or placed), random layouts, finished against unfinished ones."""
-    random_key, robot_key, finished_key, order_key, edge_key = jax.random.split(key, 5)
-    grids = tuple(_grid(target, placed) for target in range(env.NUM_TARGETS) for placed in (False, True))
-    scenes = jax.vmap(layouts.Random().sample)(jax.random.split(random_key, NUM_RANDOM)).qpos
-    targets = jax.vmap(lambda qpos: env.blocks(qpos)[: env.NUM_TARGETS, :2])(scenes)
-    outside = ~geometry.inside_region(targets)
-    distance = jnp.sum(jnp.linalg.norm(targets - geometry.region_centre(), axis=-1) * outside, axis=-1)
-    finished, unfinished = _pairs(robot_key, finished_key, order_key)
-    within, beside, edge_active = _edge_pairs(edge_key)
+    demo_key, random_key, pair_key, edge_key = jax.random.split(key, 4)
+    demo = task.layout.sample(demo_key)
+    random = jax.vmap(partial(_scattered, task))(jax.random.split(random_key, NUM_RANDOM))
+    finished, unfinished = jax.jit(jax.vmap(partial(_pair, task)))(jax.random.split(pair_key, NUM_PAIRS))
+    within, beside = jax.jit(jax.vmap(partial(_edge_pair, task)))(jax.random.split(edge_key, NUM_PAIRS))
     return Landscape(
-        objects=env.OBJECTS,
-        mask=np.asarray(env.boxes(scenes[0])[1]),
-        grids=grids,
-        random_boxes=_boxes(scenes),
-        random_active=np.broadcast_to(_ACTIVE, (NUM_RANDOM, env.OBJECTS.num_slots)),
-        random_distance=np.asarray(distance),
-        finished_boxes=_boxes(finished),
-        unfinished_boxes=_boxes(unfinished),
-        pair_active=_ACTIVE,
-        within_boxes=_boxes(within),
-        beside_boxes=_boxes(beside),
-        edge_active=np.asarray(edge_active),
+        objects=task.objects,
+        mask=np.asarray(task.scene_boxes(demo.qpos, demo.scene)[1]),
+        grids=tuple(_grid(task, demo, target, placed) for target in range(NUM_TARGETS) for placed in (False, True)),
+        random_boxes=_boxes(task, random),
+        random_active=np.broadcast_to(_moved(task), (NUM_RANDOM, task.objects.num_slots)),
+        random_distance=np.asarray(jax.vmap(_distance)(random)),
+        finished_boxes=_boxes(task, finished),
+        unfinished_boxes=_boxes(task, unfinished),
+        pair_active=_moved(task),
+        within_boxes=_boxes(task, within),
+        beside_boxes=_boxes(task, beside),
+        edge_active=_moved(task) | _slots(task, np.asarray(within.moved)),
     )
 
 
-def _boxes(qpos: jax.Array) -> np.ndarray:
-    return np.asarray(jax.jit(jax.vmap(lambda scene: env.boxes(scene)[0]))(qpos))
+def _moved(task: "MatchRegions") -> np.ndarray:
+    """Robot and both targets, as in every demonstration once a target is placed: (N,) bool."""
+    return np.isin(np.arange(task.objects.num_slots), [1, 2, 3])
 
 
-def _move(qpos: jax.Array, block: int, place: jax.Array) -> jax.Array:
-    return qpos.at[5 + 3 * block : 7 + 3 * block].set(place)
+def _slots(task: "MatchRegions", flags: np.ndarray) -> np.ndarray:
+    """Flags (K, M) of blocks by node slot: (K, N)."""
+    return np.pad(flags, ((0, 0), (2, task.objects.num_slots - 2 - flags.shape[1])))
 
 
-def _grid(target: int, other_placed: bool) -> Grid:
-    """The scene of the demonstrations with `target` moved over the arena and the other at its start or placed."""
-    other = 1 - target
-    qpos = layouts.Demo(jitter=0.0).sample(jax.random.key(0)).qpos
+def _boxes(task: "MatchRegions", starts: Start) -> np.ndarray:
+    look = jax.jit(jax.vmap(task.scene_boxes))
+    return np.asarray(look(starts.qpos, starts.scene)[0])
+
+
+def _move(qpos: jax.Array, block: int | jax.Array, place: jax.Array) -> jax.Array:
+    return jax.lax.dynamic_update_slice(qpos, place, (5 + 3 * block,))
+
+
+def _within(scene: Scene, share: jax.Array | np.ndarray) -> jax.Array:
+    """The place in the region at a share (..., 2) of its sides."""
+    low, high = geometry.region_corners(scene.region)
+    return low + share * (high - low)
+
+
+def _scattered(task: "MatchRegions", key: jax.Array) -> Start:
+    """Robot and blocks of one of the task's scenes anywhere."""
+    scene_key, place_key = jax.random.split(key)
+    scene = task.layout.sample(scene_key).scene
+    return layouts.begin(layouts.scatter(place_key, scene.present), scene)
+
+
+def _distance(start: Start) -> jax.Array:
+    """Summed distance of the targets outside the region to its centre: ()."""
+    targets, region = blocks(start.qpos)[:NUM_TARGETS, :2], start.scene.region
+    way = jnp.linalg.norm(targets - geometry.region_centre(region), axis=-1)
+    return jnp.sum(way * ~geometry.inside_region(region, targets))
+
+
+def _grid(task: "MatchRegions", demo: Start, target: int, other_placed: bool) -> Grid:
+    """The start `demo` with `target` moved over the arena and the other at its start or placed."""
+    other, region = 1 - target, demo.scene.region
+    qpos = demo.qpos
     if other_placed:
-        qpos = _move(qpos, other, jnp.asarray(_PLACED[other]))
+        qpos = _move(qpos, other, _within(demo.scene, _PLACED[other]))
     axis = np.linspace(-0.88, 0.88, RESOLUTION, dtype=np.float32)
     places = np.stack(np.meshgrid(axis, axis), -1)
-    scenes = jax.vmap(partial(_move, qpos, target))(jnp.asarray(places.reshape(-1, 2)))
-    active = _ACTIVE.copy()
+    moved = jax.vmap(partial(_move, qpos, target))(jnp.asarray(places.reshape(-1, 2)))
+    found = np.asarray(jax.jit(jax.vmap(lambda qpos: task.scene_boxes(qpos, demo.scene)[0]))(moved))
+    active = _moved(task)
     if not other_placed:
         active[2 + other] = False
-    west, east, south, north = geometry.REGION
-    names = ("star", "square")
+    west, east, south, north = np.asarray(region)
+    names = task.objects.names[2:4]
     return Grid(
         name=f"{names[target]} moved, {names[other]} {'placed' if other_placed else 'at its start'}",
-        boxes=_boxes(scenes).reshape(RESOLUTION, RESOLUTION, env.OBJECTS.num_slots, 4),
+        boxes=found.reshape(RESOLUTION, RESOLUTION, *found.shape[1:]),
         active=active,
         x=axis,
         y=axis,
-        inside=np.asarray(geometry.inside_region(jnp.asarray(places))),
+        inside=np.asarray(geometry.inside_region(region, jnp.asarray(places))),
         goal_outline=np.array([[west, south], [east, south], [east, north], [west, north]]),
-        start=layouts.BLOCK_STARTS[target, :2],
+        start=np.asarray(demo.homes[target]),
     )
 
 
-def _pairs(robot_key: jax.Array, finished_key: jax.Array, order_key: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Random layouts with both targets inside, and the same with one target (either) back at its random place."""
-    scenes = jax.vmap(layouts.Random().sample)(jax.random.split(robot_key, NUM_PAIRS)).qpos
-    west, east, south, north = geometry.REGION
-    low, high = jnp.array([west, south]), jnp.array([east, north])
-    places = jax.random.uniform(finished_key, (NUM_PAIRS, env.NUM_TARGETS, 2), minval=low, maxval=high)
-    moved = jax.random.bernoulli(order_key, shape=(NUM_PAIRS,))
-
-    def pair(qpos: jax.Array, place: jax.Array, star: jax.Array) -> tuple[jax.Array, jax.Array]:
-        finished = _move(_move(qpos, 0, place[0]), 1, place[1])
-        # A random place that happens to lie inside would not be unfinished.
-        back = env.blocks(qpos)[: env.NUM_TARGETS, :2]
-        back = jnp.where(geometry.inside_region(back)[:, None], jnp.asarray(layouts.BLOCK_STARTS[:2, :2]), back)
-        return finished, jnp.where(star, _move(finished, 0, back[0]), _move(finished, 1, back[1]))
-
-    return jax.jit(jax.vmap(pair))(scenes, places, moved)
+def _pair(task: "MatchRegions", key: jax.Array) -> tuple[Start, Start]:
+    """A random layout with both targets inside, and the same with one of them (either) where the task has it."""
+    scene_key, start_key, finished_key, order_key = jax.random.split(key, 4)
+    start = _scattered(task, scene_key)
+    places = _within(start.scene, jax.random.uniform(finished_key, (NUM_TARGETS, 2)))
+    finished = _move(_move(start.qpos, 0, places[0]), 1, places[1])
+    back = blocks(start.qpos)[:NUM_TARGETS, :2]
+    # A random place that happens to lie inside would not be unfinished.
+    homes = task.layout.sample(start_key).homes
+    homes = jnp.where(geometry.inside_region(start.scene.region, homes)[:, None], _beside(start.scene), homes)
+    back = jnp.where(geometry.inside_region(start.scene.region, back)[:, None], homes, back)
+    star = jax.random.bernoulli(order_key)
+    unfinished = jnp.where(star, _move(finished, 0, back[0]), _move(finished, 1, back[1]))
+    return start._replace(qpos=finished), start._replace(qpos=unfinished)
 
 
-def _edge_pairs(key: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+def _beside(scene: Scene) -> jax.Array:
+    """The corner of the arena furthest from the region: (2,)."""
+    return -0.8 * jnp.where(geometry.region_centre(scene.region) > 0, 1.0, -1.0)
+
+
+def _edge_pair(task: "MatchRegions", key: jax.Array) -> tuple[Start, Start]:
     """The robot holds a target within the region or beside it, from outside; the other one is placed.
 
     Distractors lie anywhere and count as moved or not.
-
-    Returns:
-      two batches of qpos, and which slots are active.
     """
-    scene_key, key = jax.random.split(key)
-    scenes = jax.vmap(layouts.Random().sample)(jax.random.split(scene_key, NUM_PAIRS)).qpos
-    west, east, south, north = geometry.REGION
+    scene_key, target_key, place_key, side_key, along_key, active_key = jax.random.split(key, 6)
+    start = _scattered(task, scene_key)
+    target = jax.random.randint(target_key, (), 0, NUM_TARGETS)
+    low, high = geometry.region_corners(start.scene.region)
+    low, high = low + _WITHIN, high - _WITHIN
+    placed = jax.random.uniform(place_key, (2,), minval=low, maxval=high)
+    along = jax.random.uniform(along_key, (2,), minval=low, maxval=high)
+    side = jax.random.randint(side_key, (), 0, 4)
+    outwards = jnp.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])[side]
+    edge = jnp.where(outwards == 0, along, jnp.where(outwards < 0, low - _WITHIN, high + _WITHIN))
 
-    def pair(key: jax.Array, qpos: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
-        target_key, place_key, side_key, along_key, active_key = jax.random.split(key, 5)
-        target = jax.random.randint(target_key, (), 0, env.NUM_TARGETS)
-        low, high = jnp.array([west, south]) + _WITHIN, jnp.array([east, north]) - _WITHIN
-        placed = jax.random.uniform(place_key, (2,), minval=low, maxval=high)
-        along = jax.random.uniform(along_key, (2,), minval=low, maxval=high)
-        side = jax.random.randint(side_key, (), 0, 4)
-        outwards = jnp.array([[-1.0, 0.0], [1.0, 0.0], [0.0, -1.0], [0.0, 1.0]])[side]
-        edge = jnp.where(outwards == 0, along, jnp.where(outwards < 0, low - _WITHIN, high + _WITHIN))
+    def held(depth: float) -> jax.Array:
+        place = edge - depth * outwards
+        poses = blocks(start.qpos)
+        poses = poses.at[:, :2].set(poses[:, :2].at[1 - target].set(placed).at[target].set(place))
+        robot = jnp.append(place + layouts.HELD_REACH * outwards, jnp.arctan2(outwards[0], -outwards[1]))
+        return layouts.pack(robot, start.qpos[3:5], poses)
 
-        def held(depth: float) -> jax.Array:
-            place = edge - depth * outwards
-            blocks = env.blocks(qpos)
-            blocks = blocks.at[:, :2].set(blocks[:, :2].at[1 - target].set(placed).at[target].set(place))
-            robot = jnp.append(place + layouts.HELD_REACH * outwards, jnp.arctan2(outwards[0], -outwards[1]))
-            return layouts.pack(robot, qpos[3:5], blocks)
-
-        bumped = jax.random.bernoulli(active_key, shape=_ACTIVE.shape) & _DISTRACTOR
-        return held(_WITHIN), held(_BESIDE), _ACTIVE | bumped
-
-    return jax.jit(jax.vmap(pair))(jax.random.split(key, NUM_PAIRS), scenes)
+    others = start.scene.present & (jnp.arange(start.moved.shape[0]) >= NUM_TARGETS)
+    start = start._replace(moved=jax.random.bernoulli(active_key, shape=others.shape) & others)
+    return start._replace(qpos=held(_WITHIN)), start._replace(qpos=held(_BESIDE))
