@@ -136,7 +136,7 @@ def jittered(key: jax.Array, poses: jax.Array, shift: jax.Array | float, turn: j
 def scatter(key: jax.Array, present: jax.Array, keep_clear: jax.Array | None = None) -> jax.Array:
     """Poses (1 + M, 3) of the robot and of the blocks `present` (M,), anywhere: one after the other, each in the first
     of a few random places that is free of the earlier ones (and of the region `keep_clear` (4,), if given), or in the
-    freest.
+    freest. Fingers are not asked: where they start in a wall or a block, contacts push them out.
     """
     place_key, angle_key = jax.random.split(key)
     number = 1 + present.shape[0]
@@ -209,7 +209,7 @@ class Training:
         focus_anywhere, other_placed, at_focus = jax.random.bernoulli(choice_key, shape=(3,))
         at_focus = at_focus | (count == 1)
 
-        low, high = geometry.region_corners(scene.region)
+        low, high = geometry.region_corners(jnp.clip(scene.region, -BLOCK_REACH, BLOCK_REACH))
         placed = jax.random.uniform(place_key, (2,), minval=low, maxval=high)
         anywhere = scattered[1 : 1 + NUM_TARGETS]
         replaced = jnp.where(in_focus[:, None], anywhere, anywhere.at[:, :2].set(placed))
