@@ -20,7 +20,7 @@ import tyro
 from benchmarks.context import measured_on
 from benchmarks.shoes_in_box_figures import profile_figure, stages_figure
 from graphrl_jax import demonstrations as demonstration_files
-from graphrl_jax import pipeline
+from graphrl_jax import pipeline, training
 from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.discrimination import discrimination
@@ -102,7 +102,7 @@ def trained(task: ShoesInBox, demos: Demonstrations, name: str, seed: int, steps
         run = Run.create(path, {"command": "benchmark", "task": task.name, "reward": name, "seed": seed})
         with Progress() as progress:
             hyper = replace(task.pretraining, **REWARDS[name])
-            pipeline.train_encoder(run, demos, config, hyper, seed, progress)
+            training.train_encoder(run, demos, config, hyper, seed, progress)
     return pipeline.load_reward(Run(path), config.encoder, task)
 
 

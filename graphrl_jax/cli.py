@@ -16,7 +16,7 @@ import jax
 import numpy as np
 import tyro
 
-from graphrl_jax import compilation, demonstrations, pipeline, plots, recording, runs
+from graphrl_jax import compilation, demonstrations, pipeline, plots, recording, runs, training
 from graphrl_jax.detection import ultralytics
 from graphrl_jax.encoder import EncoderConfig
 from graphrl_jax.importers.convert import Source, demonstrations_of, track_recording
@@ -26,6 +26,7 @@ from graphrl_jax.progress import Progress
 from graphrl_jax.runs import Run, RunError
 from graphrl_jax.settings import Settings, default_preset
 from graphrl_jax.task import Task, make_task
+from graphrl_jax.training import PolicyJob, train_policies
 from graphrl_jax.video import write_video
 
 Demos = Annotated[Path | None, tyro.conf.arg(help="demonstration file; the expert makes them if none is given")]
@@ -207,12 +208,12 @@ def train(request: Train) -> None:
                 reward_params = pipeline.load_reward(run, settings.sizes.pretrain.encoder, task)
             else:
                 sizes = settings.sizes.pretrain
-                reward_params, numbers["encoder"] = pipeline.train_encoder(
+                reward_params, numbers["encoder"] = training.train_encoder(
                     run, demos, sizes, settings.pretrain, settings.seed, progress
                 )
                 numbers["encoder"] |= pipeline.audit_reward(run, task, reward_params, demos, settings.seed)
                 runs.write_json(run.path / "encoder.json", numbers["encoder"])
-        policy, trained = pipeline.train_policy(run, task, settings, reward_params, progress)
+        ((policy, trained),) = train_policies([PolicyJob(run, settings, reward_params)], task, progress)
         progress.note("evaluating")
         episodes = settings.sizes.episodes
         outcome = pipeline.evaluate_policy(task, settings, reward_params, policy, episodes, settings.seed + 1000)
@@ -285,7 +286,7 @@ def pretrain(request: Pretrain) -> None:
     hyper = pipeline.pretrain_hyper(task, request.alpha, request.with_robot)
     run = Run.create(request.out, {"command": "pretrain", "task": demos.task, **_plain(asdict(request))})
     with Progress() as progress:
-        model, numbers = pipeline.train_encoder(run, demos, config, hyper, request.seed, progress)
+        model, numbers = training.train_encoder(run, demos, config, hyper, request.seed, progress)
         numbers |= pipeline.audit_reward(run, task, model, demos, request.seed)
     runs.write_json(run.path / "summary.json", {**numbers, "versions": runs.versions(), "device": runs.device()})
     print(json.dumps({"out": str(run.path), **{k: v for k, v in numbers.items() if isinstance(v, float)}}))

@@ -3,10 +3,9 @@
 Here live the side effects between the pure programs: files, progress, checkpoints. `train.py` strings them together.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import jax
@@ -14,25 +13,24 @@ import jax.numpy as jnp
 import numpy as np
 
 from graphrl_jax import demonstrations as demonstration_files
-from graphrl_jax import plots, ppo, pretrain, stages
+from graphrl_jax import plots, ppo, stages
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.discrimination import discrimination
 from graphrl_jax.encoder import EncoderConfig
 from graphrl_jax.encoder import init as init_encoder
 from graphrl_jax.evaluation import evaluate
 from graphrl_jax.evaluators import cycle_consistency, kendall_tau, value_order_correlation
-from graphrl_jax.landscape import audit, trajectory_scores
+from graphrl_jax.landscape import Landscape, audit, trajectory_scores
 from graphrl_jax.ppo_config import PPOConfig, PPOHyper
-from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
-from graphrl_jax.progress import Progress
-from graphrl_jax.reward import RewardModel, demonstration_embeddings, demonstration_rewards, fit_reward
-from graphrl_jax.runs import Run, load_tree, save_tree, write_json
+from graphrl_jax.pretrain import PretrainHyper
+from graphrl_jax.reward import RewardModel, demonstration_embeddings, demonstration_rewards
+from graphrl_jax.runs import Run, load_tree, write_json
 from graphrl_jax.settings import Settings
 from graphrl_jax.task import Task
 from graphrl_jax.wrappers import EnvironmentReward, GraphReward
 
 # One key per use, folded into the run's seed, so that a stage's randomness does not depend on which stages ran.
-DEMONSTRATIONS, _PRETRAIN, LANDSCAPE, _POLICY, _EVALUATION, RECORDING, _GOAL = range(7)
+DEMONSTRATIONS, PRETRAIN, LANDSCAPE, POLICY, _EVALUATION, RECORDING, GOAL = range(7)
 
 WITH_ROBOT = {"suppress_robot": 0.0, "robot_messages": 1.0}
 """Floats of pretraining w/ robot: one that is pooled also sends messages."""
@@ -66,40 +64,6 @@ def pretrain_hyper(task: Task, alpha: float, with_robot: bool) -> PretrainHyper:
     return replace(task.pretraining, alpha=alpha, **(WITH_ROBOT if with_robot else {}))
 
 
-def train_encoder(
-    run: Run,
-    demonstrations: Demonstrations,
-    config: PretrainConfig,
-    hyper: PretrainHyper,
-    seed: int,
-    progress: Progress,
-) -> tuple[RewardModel, dict[str, Any]]:
-    """Pretrains an encoder on three quarters of the successes and fits the reward; writes `encoder.npz`.
-
-    Returns:
-      the reward model, and numbers on the held-out quarter: kendall_tau, cycle_consistency, value_order_correlation;
-      pretrain_s, the seconds of the optimiser's steps, compiling included.
-    """
-    fitted, held_out = demonstrations.successes().split(0.75, seed)
-    data = pretrain.prepare(fitted)
-    state = pretrain.init(config, data.objects.num_classes, stage_key(seed, _PRETRAIN))
-    started, chunk = time.perf_counter(), max(1, config.steps // 10)
-    progress.begin("pretraining", config.steps)
-    for done in range(0, config.steps, chunk):
-        steps = min(chunk, config.steps - done)
-        state, history = pretrain.run(config, hyper, data, state, steps)
-        means = {name: float(jnp.mean(values)) for name, values in history.items()}
-        run.log({"stage": "pretrain", "step": done + steps, **means})
-        progress.advance(steps, loss=means["loss"], tcc=means["tcc"])
-    seconds = time.perf_counter() - started
-    shown = pretrain.shown_frames(hyper, data, stage_key(seed, _GOAL))
-    weights = (hyper.alpha, hyper.suppress_robot, hyper.tau)
-    model = fit_reward(state.params["encoder"], fitted, *weights, shown, hyper.even, hyper.robot_messages)
-    save_tree(run.path / "encoder.npz", model)
-    numbers = encoder_numbers(model, held_out)
-    return model, {**numbers, "pretrain_s": seconds}
-
-
 def encoder_numbers(model: RewardModel, held_out: Demonstrations) -> dict[str, float]:
     """Kendall's tau, three-way cycle consistency (0 with fewer than three) and value-order correlation."""
     embeddings = demonstration_embeddings(model, held_out)
@@ -112,6 +76,12 @@ def encoder_numbers(model: RewardModel, held_out: Demonstrations) -> dict[str, f
     }
 
 
+@cache
+def audit_scenes(task: Task, seed: int) -> Landscape:
+    """The scenes of an audit; drawing them takes longer than judging a reward by them."""
+    return task.landscape(stage_key(seed, LANDSCAPE))
+
+
 def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demonstrations, seed: int) -> dict[str, Any]:
     """Audits the reward away from the demonstrations it was learned from, draws it, and finds stages of held-out ones.
 
@@ -119,7 +89,7 @@ def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demon
       the audit's numbers; how the reward tells successes from failures, if there are any; how well stages of held-out
       successes meet their true events, if they have them.
     """
-    report = audit(model, task.landscape(stage_key(seed, LANDSCAPE)))
+    report = audit(model, audit_scenes(task, seed))
     plots.landscape(report, run.figures / "landscape.png")
     held_out = demonstrations.successes().split(0.75, seed)[1]
     rewards = np.asarray(demonstration_rewards(model, held_out))
@@ -193,51 +163,14 @@ def load_reward(run: Run, config: EncoderConfig, task: Task) -> RewardModel:
     return load_tree(run.path / "encoder.npz", jax.eval_shape(template))
 
 
+@cache
 def environment_of(task: Task, reward: str) -> Callable[[Any], Any]:
-    """The function from reward parameters to an environment; parameters are a `RewardModel`, or tau for `env`."""
+    """The function from reward parameters to an environment; parameters are a `RewardModel`, or tau for `env`.
+
+    One and the same function for a task and reward: compiled programs are known by it.
+    """
     wrapper = EnvironmentReward if reward == "env" else GraphReward
     return lambda reward_params: wrapper(task, reward_params)
-
-
-def train_policy(
-    run: Run, task: Task, settings: Settings, reward_params: Any, progress: Progress
-) -> tuple[Any, dict[str, Any]]:
-    """PPO in compiled chunks, with a log line and a checkpoint after each; continues from a checkpoint if there is one.
-
-    Returns:
-      the policy's parameters, and env_steps, train_steps_per_s and the seconds spent.
-    """
-    sizes = settings.sizes
-    config, hyper = ppo_settings(task, settings)
-    make_env = environment_of(task.training(), settings.reward)
-    key = stage_key(settings.seed, _POLICY)
-    checkpoint = run.path / "train_state.npz"
-    state = ppo.init_jit(config, make_env, reward_params, key)
-    if checkpoint.exists():
-        state = load_tree(checkpoint, state)
-    done = int(state.updates)
-    run.forget_after("ppo", "update", done)
-    progress.begin("training the policy", sizes.updates, done)
-    seconds, timed = 0.0, 0
-    while done < sizes.updates:
-        count = min(sizes.updates_per_chunk, sizes.updates - done)
-        started = time.perf_counter()
-        state, metrics = ppo.train_chunk(config, make_env, hyper, reward_params, state, num_updates=count)
-        record = {name: float(value) for name, value in ppo.average_metrics(metrics).items()}
-        elapsed = time.perf_counter() - started
-        done += count
-        if done > count or count == sizes.updates:  # the first chunk compiles
-            seconds, timed = seconds + elapsed, timed + count
-        steps_per_s = count * config.steps_per_update / elapsed
-        run.log({"stage": "ppo", "update": done, "env_steps": done * config.steps_per_update,
-                 "steps_per_s": steps_per_s, **record})  # fmt: skip
-        save_tree(checkpoint, state)
-        save_tree(run.path / "policy.npz", ppo.policy_params(state))
-        shown = {name: record[name] for name in ("success", "score", "reward") if name in record}
-        progress.advance(count, **{"steps/s": steps_per_s}, **shown)
-    plots.learning_curve(run.records("ppo"), run.figures / "learning_curve.png")
-    rate = timed * config.steps_per_update / seconds if seconds else None
-    return ppo.policy_params(state), {"env_steps": done * config.steps_per_update, "train_steps_per_s": rate}
 
 
 def ppo_settings(task: Task, settings: Settings) -> tuple[PPOConfig, PPOHyper]:

@@ -162,6 +162,17 @@ def update(
     return _strong(state), metrics
 
 
+def updates(
+    config: PPOConfig, make_env: MakeEnv, num_updates: int, hyper: PPOHyper, reward_params: Any, state: TrainState
+) -> tuple[TrainState, Metrics]:
+    """K updates, not compiled: the state after them, and the metrics of each, (K,)."""
+
+    def body(state: TrainState, _: None) -> tuple[TrainState, Metrics]:
+        return update(config, make_env, hyper, reward_params, state)
+
+    return jax.lax.scan(body, state, length=num_updates)
+
+
 def train_chunk(
     config: PPOConfig, make_env: MakeEnv, hyper: PPOHyper, reward_params: Any, state: TrainState, num_updates: int
 ) -> tuple[TrainState, Metrics]:
@@ -207,19 +218,8 @@ def policy_params(state: TrainState) -> tuple[RunningStatisticsState, Any]:
     return state.normalizer, state.params.policy
 
 
-@partial(jit_physics, static_argnums=(0, 1))
-def _init(config: PPOConfig, make_env: MakeEnv, reward_params: Any, key: jax.Array) -> TrainState:
-    return init(config, make_env, reward_params, key)
-
-
-@partial(jit_physics, static_argnums=(0, 1, 2), donate_argnums=(5,))
-def _train_chunk(
-    config: PPOConfig, make_env: MakeEnv, num_updates: int, hyper: PPOHyper, reward_params: Any, state: TrainState
-) -> tuple[TrainState, Metrics]:
-    def body(state: TrainState, _: None) -> tuple[TrainState, Metrics]:
-        return update(config, make_env, hyper, reward_params, state)
-
-    return jax.lax.scan(body, state, length=num_updates)
+_init = jit_physics(init, static_argnums=(0, 1))
+_train_chunk = jit_physics(updates, static_argnums=(0, 1, 2), donate_argnums=(5,))
 
 
 def _gradient_steps(

@@ -23,13 +23,13 @@ TRAIN = ["--task", "carry", "--preset", "smoke"]
 # Dies without a word as soon as the file named first has been written.
 DIES_AFTER = """
 import os, signal, sys
-from graphrl_jax import cli, pipeline
-save = pipeline.save_tree
+from graphrl_jax import cli, training
+save = training.save_tree
 def save_and_die(path, tree):
     save(path, tree)
     if path.name == sys.argv[1]:
         os.kill(os.getpid(), signal.SIGKILL)
-pipeline.save_tree = save_and_die
+training.save_tree = save_and_die
 cli.train_main(sys.argv[2:])
 """
 

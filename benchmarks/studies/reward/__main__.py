@@ -13,7 +13,7 @@ from benchmarks.studies import reward as study
 from benchmarks.studies.reward.report import write_report
 from benchmarks.studies.reward.variants import POLICY_VARIANTS, VARIANTS, Variant
 from graphrl_jax import demonstrations as demonstration_files
-from graphrl_jax import pipeline, plots
+from graphrl_jax import pipeline, plots, training
 from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.landscape import audit
@@ -110,7 +110,7 @@ def encoder_row(task: Task, name: str, seed: int, unseen: Demonstrations) -> dic
     shutil.rmtree(RUNS / f"{name}_{seed}", ignore_errors=True)
     run = Run.create(RUNS / f"{name}_{seed}", {"command": "study", "variant": name, "seed": seed})
     with Progress() as progress:
-        model, numbers = pipeline.train_encoder(run, demos, config, hyper, seed, progress)
+        model, numbers = training.train_encoder(run, demos, config, hyper, seed, progress)
     fitted = demos.successes().split(0.75, seed)[0]
     bare = fit_reward(
         model.params, fitted, model.alpha, model.suppress_robot, model.tau, None, hyper.even, model.robot_messages
@@ -143,7 +143,7 @@ def policy_row(encoder: str, member: str, request: Policies) -> dict[str, Any]:
         reward=reward, seed=int(seed), updates=request.updates, pretrain=hyper, ppo=PPOHyper(**change.hyper)
     )
     with Progress() as progress:
-        policy, numbers = pipeline.train_policy(run, task, settings, model, progress)
+        ((policy, numbers),) = training.train_policies([training.PolicyJob(run, settings, model)], task, progress)
     outcome = pipeline.evaluate_policy(task, settings, model, policy, request.episodes, settings.seed + 1000)
     curve = [[record["env_steps"], record["success"], record["score"]] for record in run.records("ppo")]
     return {

@@ -1,0 +1,109 @@
+"""Several trainings side by side in one compiled program: members differ in floats, seeds and data, not in sizes.
+
+Encoders and policies are pure functions of traced arguments, so a sweep is a `jax.vmap` over those. One member is run
+without an axis of its own: a sweep of one is a single run, number for number. Where all members do not fit into memory,
+they go in groups of one size, through the same compiled program.
+"""
+
+import os
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from graphrl_jax import ppo, pretrain
+from graphrl_jax.compilation import jit_physics
+from graphrl_jax.ppo_config import PPOConfig, PPOHyper
+from graphrl_jax.pretrain import PretrainConfig, PretrainData, PretrainHyper, PretrainState
+
+# Share of the memory that is free which one program may take.
+_SHARE = 0.6
+
+
+def stack(members: Sequence[Any]) -> Any:
+    """Pytrees of one structure as one, with a leading member axis; a single one stays as it is."""
+    return members[0] if len(members) == 1 else jax.tree.map(lambda *leaves: jnp.stack(leaves), *members)
+
+
+def unstack(tree: Any, count: int) -> list[Any]:
+    """The inverse of `stack`."""
+    return [tree] if count == 1 else [jax.tree.map(lambda leaf, i=i: leaf[i], tree) for i in range(count)]
+
+
+def each(function: Callable, count: int) -> Callable:
+    """`function` for `count` members side by side, its arguments and results as `stack` makes them."""
+    return function if count == 1 else jax.vmap(function)
+
+
+@partial(jax.jit, static_argnums=(0, 1, 2))
+def pretrain_steps(
+    config: PretrainConfig,
+    num_steps: int,
+    count: int,
+    hyper: PretrainHyper,
+    data: PretrainData,
+    state: PretrainState,
+) -> tuple[PretrainState, pretrain.Metrics]:
+    """`num_steps` steps of `count` encoders; see `pretrain.run`."""
+    return each(lambda *member: pretrain.run(config, *member, num_steps), count)(hyper, data, state)
+
+
+@partial(jit_physics, static_argnums=(0, 1, 2))
+def policy_init(
+    config: PPOConfig, make_env: ppo.MakeEnv, count: int, reward_params: Any, key: jax.Array
+) -> ppo.TrainState:
+    """The states of `count` policies before their first update; see `ppo.init`."""
+    return each(partial(ppo.init, config, make_env), count)(reward_params, key)
+
+
+@partial(jit_physics, static_argnums=(0, 1, 2, 3), donate_argnums=(6,))
+def policy_updates(
+    config: PPOConfig,
+    make_env: ppo.MakeEnv,
+    num_updates: int,
+    count: int,
+    hyper: PPOHyper,
+    reward_params: Any,
+    state: ppo.TrainState,
+) -> tuple[ppo.TrainState, ppo.Metrics]:
+    """`num_updates` updates of `count` policies, their states donated; see `ppo.updates`."""
+    return each(partial(ppo.updates, config, make_env, num_updates), count)(hyper, reward_params, state)
+
+
+def free_bytes() -> int:
+    """Memory of the device that is not taken."""
+    statistics = jax.devices()[0].memory_stats() if jax.default_backend() != "cpu" else None
+    if statistics:
+        return statistics["bytes_limit"] - statistics["bytes_in_use"]
+    return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+
+
+def fit(compile_for: Callable[[int], Any], members: int, budget: int | None = None) -> tuple[int, Any]:
+    """The largest group of members whose program fits into memory.
+
+    Args:
+      compile_for: compiles the program for so many members (`jax.stages.Compiled`).
+      members: how many there are.
+      budget: bytes that the program may take; a share of what is free, if left out.
+
+    Returns:
+      members per group, and the program.
+    """
+    budget = int(_SHARE * free_bytes()) if budget is None else budget
+    size = members
+    while True:
+        program = compile_for(size)
+        memory = program.memory_analysis()
+        need = memory.temp_size_in_bytes + memory.argument_size_in_bytes + memory.output_size_in_bytes
+        if need <= budget or size == 1:
+            return size, program
+        size = max(1, min(size - 1, size * budget // need))
+
+
+def groups(members: Sequence[Any], size: int) -> list[list[Any]]:
+    """Groups of exactly `size`; the last one repeats its last member, so that one program runs them all."""
+    cut = [list(members[start : start + size]) for start in range(0, len(members), size)]
+    cut[-1] += cut[-1][-1:] * (size - len(cut[-1]))
+    return cut
