@@ -7,7 +7,6 @@ Learned rewards are audited besides, on landscapes and trajectories that no trai
 frames of it and, for a learned reward, its exploits and landscape as PNGs.
 """
 
-import math
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,7 +17,6 @@ import numpy as np
 import tyro
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from scipy.stats import t as student
 
 from benchmarks.context import measured_on
 from benchmarks.exploits import exploit_figure, unseen_audit, unseen_trajectories
@@ -26,6 +24,7 @@ from graphrl_jax import pipeline, plots
 from graphrl_jax.cli import load_run
 from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.evaluators import interval
 from graphrl_jax.landscape import audit
 from graphrl_jax.reward import RewardModel
 from graphrl_jax.runs import Run, read_json, write_atomically, write_json
@@ -54,14 +53,6 @@ class Options:
     runs: tyro.conf.Positional[tuple[Path, ...]]
     episodes: int = 256
     seed: int = 7
-
-
-def interval(values: list[float], confidence: float = 0.95) -> list[float] | None:
-    """Student's interval of the mean, cut to [0, 1]; None for a single value."""
-    if len(values) < 2:
-        return None
-    half = student.ppf((1 + confidence) / 2, len(values) - 1) * np.std(values, ddof=1) / math.sqrt(len(values))
-    return [max(0.0, float(np.mean(values) - half)), min(1.0, float(np.mean(values) + half))]
 
 
 def together(options: Options, unseen: Demonstrations | None) -> dict[str, Any]:

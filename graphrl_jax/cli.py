@@ -1,4 +1,4 @@
-"""The command line: `train.py` and `python -m graphrl_jax {demos,import,pretrain,evaluate,stages}`.
+"""The command line: `train.py` and `python -m graphrl_jax {demos,import,pretrain,evaluate,stages,sweep}`.
 
 A request that cannot be carried out (bad file, unknown name, a folder that holds another run) is one sentence on
 standard error and exit code 2, and nothing is overwritten.
@@ -25,6 +25,7 @@ from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.progress import Progress
 from graphrl_jax.runs import Run, RunError
 from graphrl_jax.settings import Settings, default_preset
+from graphrl_jax.sweep_command import Sweep, sweep
 from graphrl_jax.task import Task, make_task
 from graphrl_jax.training import PolicyJob, train_policies
 from graphrl_jax.video import write_video
@@ -173,6 +174,7 @@ def main(args: list[str] | None = None) -> None:
         "pretrain": (Pretrain, pretrain),
         "evaluate": (Evaluate, evaluate),
         "stages": (Stages, find_stages),
+        "sweep": (Sweep, sweep),
     }
 
     def run() -> None:

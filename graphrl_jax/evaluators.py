@@ -1,13 +1,18 @@
-"""How well embeddings order time across demonstrations: Kendall's tau, cycle consistency, value-order correlation.
+"""How well embeddings order time across demonstrations: Kendall's tau, cycle consistency, value-order correlation;
+and what a mean over seeds is worth.
 
 Kendall's tau and three-way cycle consistency are XIRL's evaluators (Zakka et al. 2021) with squared Euclidean nearest
 neighbours and stride 1. Inputs are padded and come with their lengths; padding takes part in nothing.
 """
 
+import math
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
+from scipy.stats import t as student
 
 from graphrl_jax.tcc import squared_distances
 
@@ -133,6 +138,14 @@ def _mean_consistency(embeddings: jax.Array, lengths: jax.Array) -> jax.Array:
     over_v_and_w = jax.vmap(jax.vmap(share, in_axes=(None, None, 0)), in_axes=(None, 0, None))
     shares = jax.lax.map(lambda u: over_v_and_w(u, indices, indices), indices)
     return jnp.sum(shares) / (batch * (batch - 1) * (batch - 2))
+
+
+def interval(values: Sequence[float], confidence: float = 0.95) -> list[float] | None:
+    """Student's interval of the mean of shares, cut to [0, 1]; None for a single value."""
+    if len(values) < 2:
+        return None
+    half = student.ppf((1 + confidence) / 2, len(values) - 1) * np.std(values, ddof=1) / math.sqrt(len(values))
+    return [max(0.0, float(np.mean(values) - half)), min(1.0, float(np.mean(values) + half))]
 
 
 @jax.jit

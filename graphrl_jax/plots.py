@@ -1,4 +1,4 @@
-"""Figures of a run: learning curve, learned reward over time, reward landscape.
+"""Figures of a run: learning curve, learned reward over time, reward landscape; of a sweep: its outcomes.
 
 Drawn with matplotlib's figure objects alone, so that no global state is touched and no display is needed. Every file
 is written whole or not at all.
@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from graphrl_jax.evaluators import interval
 from graphrl_jax.landscape import GridReport, LandscapeReport
 from graphrl_jax.runs import write_atomically
 
@@ -118,6 +119,47 @@ def landscape(report: LandscapeReport, path: str | Path) -> None:
         _heat_map(figure, axes, grid)
     figure.suptitle("Learned reward as one object is moved (star: maximum, green if inside the goal; circle: start)")
     _save(figure, path)
+
+
+def sweep(rows: Sequence[dict[str, Any]], field: str, path: str | Path) -> None:
+    """Success of policies (left) and the landscapes of their rewards (right) against a swept float.
+
+    Args:
+      rows: `swept` (values by field), and `success_rate` or `encoder` (an audit's numbers) where there are any. Dots
+        are members, lines means over all members with a value, bars their 95 % intervals.
+      field: what stands on the x-axis.
+      path: the PNG.
+    """
+    figure = Figure(figsize=(11, 4), dpi=DPI)
+    outcome, scenes = figure.subplots(1, 2)
+    outcome.set(title="Success of the policies", ylim=(-0.02, 1.02))
+    scenes.set(title="Landscape of the reward, shares")
+    shares = (("pair_accuracy", "pairs of random scenes in order"), ("finished_above_unfinished", "finished first"))
+    _against(outcome, field, [(row["swept"][field], row["success_rate"]) for row in rows if "success_rate" in row])
+    for name, label in shares:
+        pairs = [(row["swept"][field], row["encoder"][name]) for row in rows if "encoder" in row]
+        _against(scenes, field, pairs, label)
+    if scenes.lines:
+        scenes.legend(loc="best", frameon=False)
+    _save(figure, path)
+
+
+def _against(axes: Axes, field: str, pairs: Sequence[tuple[float, float]], label: str | None = None) -> None:
+    """Values over a swept float: members, means and intervals."""
+    _plain(axes)
+    axes.set_xlabel(field)
+    if not pairs:
+        return
+    values = sorted({value for value, _ in pairs})
+    if values[0] > 0 and values[-1] >= 10 * values[0]:
+        axes.set_xscale("log")
+    found = [[result for value, result in pairs if value == wanted] for wanted in values]
+    means = [float(np.mean(results)) for results in found]
+    spreads = [interval(results) or [mean, mean] for results, mean in zip(found, means, strict=True)]
+    # An interval that is cut to [0, 1] need not hold the mean quite in floats.
+    reach = [(max(mean - low, 0.0), max(high - mean, 0.0)) for mean, (low, high) in zip(means, spreads, strict=True)]
+    bars = axes.errorbar(values, means, yerr=np.transpose(reach), marker="o", capsize=3, label=label)
+    axes.scatter(*zip(*pairs, strict=True), s=12, alpha=0.5, color=bars.lines[0].get_color())
 
 
 def _heat_map(figure: Figure, axes: Axes, grid: GridReport) -> None:
