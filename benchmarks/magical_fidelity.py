@@ -71,15 +71,17 @@ def replay(task: MatchRegions, qpos: jax.Array, qvel: jax.Array, actions: jax.Ar
 
 
 def free_motion(task: MatchRegions, qpos: np.ndarray, actions: np.ndarray) -> dict[str, float]:
-    """Errors of the robot's path, from the start to the frame before it first touches a block."""
+    """Errors of the robot's path, from the start to the frame before it first touches a block, here or there."""
     ours = np.asarray(replay(task, qpos[:, 0], np.zeros_like(qpos[:, 0]), actions))
-    moved = np.abs(qpos[:, :, 5:] - qpos[:, :1, 5:]).max(-1) > _TOUCHED
-    free = np.arange(qpos.shape[1]) < np.argmax(moved, axis=1)[:, None] - 1
+    moved = [np.abs(path[:, :, 5:] - path[:, :1, 5:]).max(-1) > _TOUCHED for path in (qpos, ours)]
+    touched = np.argmax(moved[0], axis=1), np.argmax(moved[1], axis=1)
+    free = np.arange(qpos.shape[1]) < np.minimum(*touched)[:, None] - 1
     position = np.linalg.norm(ours[..., :2] - qpos[..., :2], axis=-1)[free]
     heading = np.abs(_wrapped(ours[..., 2] - qpos[..., 2]))[free]
     fingers = np.abs(ours[..., 3:5] - qpos[..., 3:5]).max(-1)[free]
     return {
         "frames": int(free.sum()),
+        "touched_earlier_here": int(np.sum(touched[1] < touched[0])),
         "position_median": float(np.median(position)),
         "position_max": float(position.max()),
         "heading_median": float(np.median(heading)),
