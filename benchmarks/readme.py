@@ -34,8 +34,9 @@ AUDIT = {
 def success_table() -> str:
     """Success of the policies trained on each reward."""
     rows = [
-        "| reward | success | 95 % interval over seeds | mean score | seeds | environment steps | minutes per run |",
-        "|---|---|---|---|---|---|---|",
+        "| reward | success | 95 % interval over seeds | mean score | seeds | environment steps | minutes per run "
+        "| commit |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for name, label in METHODS.items():
         result = _result(f"match_regions_{name}")
@@ -47,7 +48,8 @@ def success_table() -> str:
         minutes = sorted(run["wall_s"] / 60 for run in runs)
         rows.append(
             f"| {label} | **{result['success_rate']:.1%}** | {shown} | {result['mean_score']:.3f} | {len(runs)} "
-            f"| {runs[0]['env_steps'] / 1e6:.1f} M | {minutes[0]:.0f} to {minutes[-1]:.0f} |"
+            f"| {runs[0]['env_steps'] / 1e6:.1f} M | {minutes[0]:.0f} to {minutes[-1]:.0f} "
+            f"| {_commit(result)} |"
         )
     return "\n".join(rows)
 
@@ -141,8 +143,12 @@ def _spread(values: list[float]) -> str:
 
 
 def _where(result: dict[str, Any]) -> str:
+    return f"({result['device']}, commit {_commit(result)}; `{result['command']}`)"
+
+
+def _commit(result: dict[str, Any]) -> str:
     commit, dirty, _ = result["commit"].partition("-dirty")
-    return f"({result['device']}, commit {commit[:7]}{dirty}; `{result['command']}`)"
+    return f"{commit[:7]}{dirty}"
 
 
 def throughput_table() -> str:
@@ -216,8 +222,25 @@ def fidelity_table() -> str:
     return "\n".join([*rows, "", summary])
 
 
+def variants_table() -> str:
+    """Success of policies on every variant, by the variant and reward that they were trained on."""
+    result = _result("match_regions_variants")
+    if result is None:
+        return ""
+    names = list(result["policies"][0]["success"])
+    head = " | ".join(name.replace("_", " ") for name in names)
+    rows = [f"| trained on | reward | seeds | {head} |", "|---" * (len(names) + 3) + "|"]
+    kinds = dict.fromkeys((policy["trained_on"], policy["reward"]) for policy in result["policies"])
+    for trained_on, reward in kinds:
+        runs = [p["success"] for p in result["policies"] if (p["trained_on"], p["reward"]) == (trained_on, reward)]
+        cells = " | ".join(f"{_mean([run[name] for run in runs]):.1%}" for name in names)
+        rows.append(f"| {trained_on.removeprefix('match_regions_')} | {METHODS[reward]} | {len(runs)} | {cells} |")
+    return "\n".join([*rows, "", f"{result['episodes']} episodes each {_where(result)}"])
+
+
 BLOCKS: dict[str, tuple[Callable[[], str], ...]] = {
     "Match Regions": (success_table, audit_table, throughput_table),
+    "variants": (variants_table,),
     "Shoes in Box": (discrimination_table, failures_table, stages_table),
     "human demonstrations": (human_table, fidelity_table),
 }
