@@ -23,6 +23,7 @@ from graphrl_jax.importers.convert import Source, demonstrations_of, track_recor
 from graphrl_jax.overlay import overlay
 from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.progress import Progress
+from graphrl_jax.reward import RewardModel
 from graphrl_jax.runs import Run, RunError
 from graphrl_jax.settings import Settings, default_preset
 from graphrl_jax.sweep_command import Sweep, sweep
@@ -39,11 +40,14 @@ class Train:
 
     Attributes:
       task: Registered task.
-      reward: graph (robot left out of the pooling), graph_with_robot, or env (the task's own reward).
+      reward: graph (robot left out of the pooling), graph_with_robot, graphirl or graphirl_with_robot (a baseline), or
+        env (the task's own reward).
       preset: smoke, cpu or gpu; chosen for the device if left out.
       demos: Demonstration file; the expert makes them if none is given.
       alpha: Weight of objects that have moved (Eq. 1).
       seed: Everything random follows from it.
+      ablate: What of the method to leave out: reconstruction, activity (alpha 1), persistence, edges.
+      tcc: Variant of the soft TCC: regression_mse, regression_mse_var, regression_huber or classification.
       updates: Policy updates; the preset's number if left out.
       out: Folder of the run; runs/TASK_REWARD_SEED if left out.
       resume: Continue the run in --out from its last checkpoint; its own settings are used.
@@ -55,6 +59,8 @@ class Train:
     demos: Path | None = None
     alpha: float = 2.0
     seed: int = 0
+    ablate: tuple[str, ...] = ()
+    tcc: str = "regression_mse"
     updates: int | None = None
     out: Path | None = None
     resume: bool = False
@@ -207,11 +213,10 @@ def train(request: Train) -> None:
             demos = _demonstrations(run, task, settings)
             if (run.path / "encoder.json").exists():
                 numbers["encoder"] = runs.read_json(run.path / "encoder.json")
-                reward_params = pipeline.load_reward(run, settings.sizes.pretrain.encoder, task)
+                reward_params = _load_reward(run, settings, task)
             else:
-                sizes = settings.sizes.pretrain
                 reward_params, numbers["encoder"] = training.train_encoder(
-                    run, demos, sizes, settings.pretrain, settings.seed, progress
+                    run, demos, settings.pretraining, settings.pretrain, settings.seed, progress
                 )
                 numbers["encoder"] |= pipeline.audit_reward(run, task, reward_params, demos, settings.seed)
                 runs.write_json(run.path / "encoder.json", numbers["encoder"])
@@ -285,7 +290,7 @@ def pretrain(request: Pretrain) -> None:
     demos = demonstrations.load(request.demos)
     task = make_task(demos.task)
     config = PretrainConfig(steps=request.steps)
-    hyper = pipeline.pretrain_hyper(task, request.alpha, request.with_robot)
+    hyper = pipeline.pretrain_hyper(task, request.alpha, "graph_with_robot" if request.with_robot else "graph")
     run = Run.create(request.out, {"command": "pretrain", "task": demos.task, **_plain(asdict(request))})
     with Progress() as progress:
         model, numbers = training.train_encoder(run, demos, config, hyper, request.seed, progress)
@@ -318,7 +323,9 @@ def find_stages(request: Stages) -> None:
         raise ValueError(
             f"--demos {request.demos}: objects are {demos.objects.names}, but the run's {task.objects.names}"
         )
-    found = pipeline.demonstration_stages(pipeline.load_reward(run, EncoderConfig(), task), demos, request.method)
+    trained = run.config.get("command") == "train"
+    model = _load_reward(run, _settings(run), task) if trained else pipeline.load_reward(run, EncoderConfig(), task)
+    found = pipeline.demonstration_stages(model, demos, request.method)
     out = request.out or run.path / "stages.json"
     runs.write_json(out, {"demos": str(request.demos), "method": request.method, **found})
     print(json.dumps({"out": str(out), "demonstrations": len(demos), **found.get("judged", {})}))
@@ -335,13 +342,19 @@ def load_run(run: Run) -> tuple[Task, Settings, Any, Any]:
     task = make_task(settings.task)
     reward_params: Any = np.float32(settings.pretrain.tau)
     if settings.reward != "env":
-        reward_params = pipeline.load_reward(run, settings.sizes.pretrain.encoder, task)
+        reward_params = _load_reward(run, settings, task)
     return task, settings, reward_params, pipeline.load_policy(run, task, settings, reward_params)
+
+
+def _load_reward(run: Run, settings: Settings, task: Task) -> RewardModel:
+    """The reward of a run of `train`."""
+    config = settings.pretraining
+    return pipeline.load_reward(run, config.encoder, task, config.persistent)
 
 
 def _started(request: Train) -> tuple[Run, Settings]:
     """A new run and its settings, validated before anything is written."""
-    hyper = pipeline.pretrain_hyper(make_task(request.task), request.alpha, request.reward == "graph_with_robot")
+    hyper = pipeline.pretrain_hyper(make_task(request.task), request.alpha, request.reward, request.ablate)
     settings = Settings(
         task=request.task,
         reward=request.reward,
@@ -350,6 +363,8 @@ def _started(request: Train) -> tuple[Run, Settings]:
         demos=None if request.demos is None else str(request.demos),
         updates=request.updates,
         pretrain=hyper,
+        ablations=request.ablate,
+        tcc_variant=request.tcc,
     )
     if settings.demos is not None:
         demonstrations.load(settings.demos)
@@ -380,6 +395,7 @@ def _settings(run: Run) -> Settings:
     fields = {name: value for name, value in config.items() if name not in ("command", "version")}
     fields["pretrain"] = replace(default.pretrain, **fields["pretrain"])
     fields["ppo"] = replace(default.ppo, **fields["ppo"])
+    fields["ablations"] = tuple(fields.get("ablations", ()))
     return Settings(**fields)
 
 

@@ -11,8 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from graphrl_jax import layers
-from graphrl_jax.encoder import BOX_FEATURES
-from graphrl_jax.graph import Graph, clear_masked_slots
+from graphrl_jax.graph import BOX_FEATURES, Graph, clear_masked_slots
 
 Source = Literal["node", "pooled"]
 SOURCES: tuple[str, ...] = get_args(Source)

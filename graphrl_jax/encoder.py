@@ -7,16 +7,17 @@ the first layer of the node update. What is left to do per edge is a sum and a R
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, get_args
 
 import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
-from graphrl_jax import layers
-from graphrl_jax.graph import Graph, ObjectTable, clear_masked_slots, edge_features, sequence_graphs
+from graphrl_jax import interaction, layers
+from graphrl_jax.graph import BOX_FEATURES, Graph, ObjectTable, clear_masked_slots, edge_features, sequence_graphs
 
-BOX_FEATURES = 4
+Kind = Literal["message_passing", "interaction"]
+KINDS: tuple[str, ...] = get_args(Kind)
 EDGE_FEATURES = 3
 # Places and offsets differ by about a fifth of the image; at unit size the network learns the edge of a region instead
 # of a bowl around it.
@@ -35,39 +36,53 @@ class EncoderConfig:
     | hidden      | H, size of node embeddings, messages and the head's hidden layers |
     | embedding   | D, size of the graph embedding                                   |
     | head_layers | hidden layers of the head; 0 makes it linear                     |
+    | kind        | `interaction` is GraphIRL's encoder (`interaction.py`): one round, no head |
+    | edges       | offsets and distances on the edges; False is an ablation         |
 
     Raises:
-      ValueError: a size is too small; the message names it.
+      ValueError: a size is too small or the kind unknown; the message names it.
     """
 
     num_layers: int = 2
     hidden: int = 32
     embedding: int = 32
     head_layers: int = 1
+    kind: Kind = "message_passing"
+    edges: bool = True
 
     def __post_init__(self) -> None:
+        if self.kind not in KINDS:
+            raise ValueError(f"EncoderConfig.kind must be one of {KINDS}, got {self.kind!r}")
         for field, least in (("num_layers", 0), ("hidden", 1), ("embedding", 1), ("head_layers", 0)):
             if getattr(self, field) < least:
                 raise ValueError(f"EncoderConfig.{field} must be at least {least}, got {getattr(self, field)}")
 
 
-def init(key: jax.Array, config: EncoderConfig, num_classes: int) -> EncoderParams:
-    """Random parameters for graphs with `num_classes` classes (C) and any number of nodes."""
+def init(key: jax.Array, config: EncoderConfig, num_classes: int, num_slots: int | None = None) -> EncoderParams:
+    """Random parameters for graphs with `num_classes` classes (C) and any number of nodes.
+
+    The kind `interaction` knows no classes, but has to be told the number of nodes, `num_slots`.
+    """
+    if config.kind == "interaction":
+        if num_slots is None:
+            raise ValueError("an encoder of kind 'interaction' needs num_slots, got None")
+        return interaction.init(key, config.hidden, config.embedding, num_slots)
     input_key, head_key, *layer_keys = jax.random.split(key, 2 + config.num_layers)
     head_sizes = [config.hidden] * (1 + config.head_layers) + [config.embedding]
     return {
         "input": layers.init_perceptron(input_key, (num_classes + BOX_FEATURES, config.hidden)),
-        "layers": tuple(_init_message_layer(layer_key, config.hidden) for layer_key in layer_keys),
+        "layers": tuple(_init_message_layer(layer_key, config) for layer_key in layer_keys),
         "head": layers.init_perceptron(head_key, head_sizes),
     }
 
 
-def _init_message_layer(key: jax.Array, hidden: int) -> dict[str, jax.Array]:
+def _init_message_layer(key: jax.Array, config: EncoderConfig) -> dict[str, jax.Array]:
+    hidden = config.hidden
     receiver, sender, edge, own, messages, output = jax.random.split(key, 6)
     return {
         "receiver": layers.init_weight(receiver, hidden, hidden),
         "sender": layers.init_weight(sender, hidden, hidden),
-        "edge": layers.init_weight(edge, EDGE_FEATURES, hidden),
+        **({"edge": layers.init_weight(edge, EDGE_FEATURES, hidden)} if config.edges else {}),
         "message_bias": jnp.zeros((hidden,), jnp.float32),
         "own": layers.init_weight(own, hidden, hidden),
         "messages": layers.init_weight(messages, hidden, hidden),
@@ -89,8 +104,10 @@ def encode_nodes(params: EncoderParams, graph: Graph, robot_messages: ArrayLike 
       z_i; rows of masked slots are finite and mean nothing.
     """
     graph = clear_masked_slots(graph)
-    edges = INPUT_SCALE * edge_features(graph.boxes)
     weights = _sender_weights(graph, robot_messages)
+    if "relation" in params:
+        return interaction.encode_nodes(params, graph, weights, INPUT_SCALE)
+    edges = INPUT_SCALE * edge_features(graph.boxes)
     features = jnp.concatenate([graph.classes, INPUT_SCALE * (graph.boxes - 0.5)], axis=-1)
     nodes = jax.nn.relu(layers.perceptron(params["input"], features))
     for layer in params["layers"]:
@@ -111,8 +128,10 @@ def _pass_messages(layer: dict[str, jax.Array], nodes: jax.Array, edges: jax.Arr
     from_sender = nodes @ layer["sender"]
     # Measured on CPU: three products are faster than a matrix product over so short an axis, and the matrix product
     # over senders is twice as fast, forward and backward, as the masked sum it stands for.
-    from_edge = sum(edges[:, :, feature, None] * layer["edge"][feature] for feature in range(EDGE_FEATURES))
-    hidden = jax.nn.relu(to_receiver[:, None, :] + from_sender[None, :, :] + from_edge)
+    pairs = to_receiver[:, None, :] + from_sender[None, :, :]
+    if "edge" in layer:
+        pairs += sum(edges[:, :, feature, None] * layer["edge"][feature] for feature in range(EDGE_FEATURES))
+    hidden = jax.nn.relu(pairs)
     messages = jnp.einsum("ij,ijh->ih", weights, hidden)
     update = jax.nn.relu(nodes @ layer["own"] + messages @ layer["messages"] + layer["update_bias"])
     return nodes + update @ layer["output"]
@@ -152,8 +171,8 @@ def pool(nodes: jax.Array, graph: Graph, alpha: ArrayLike, suppress_robot: Array
 
 
 def head(params: EncoderParams, pooled: jax.Array) -> jax.Array:
-    """phi(G) from the pooled embedding: (H,) -> (D,) float32."""
-    return layers.perceptron(params["head"], pooled)
+    """phi(G) from the pooled embedding: (H,) -> (D,) float32; GraphIRL's is the pooled embedding itself."""
+    return layers.perceptron(params["head"], pooled) if "head" in params else pooled
 
 
 def encode(
@@ -178,15 +197,16 @@ def encode_sequence(
     tau: ArrayLike,
     robot_messages: ArrayLike = 1.0,
     class_ids: jax.Array | None = None,
+    persistent: bool = True,
 ) -> jax.Array:
     """phi of every frame of one padded demonstration, activity included.
 
     Args:
-      boxes, mask, length, tau, class_ids: see `graph.sequence_graphs`.
+      boxes, mask, length, tau, class_ids, persistent: see `graph.sequence_graphs`.
       params, alpha, suppress_robot, robot_messages: see `encode`.
 
     Returns:
       (T, D) float32; rows from `length` on are finite and mean nothing.
     """
-    graphs = sequence_graphs(objects, boxes, mask, length, tau, class_ids)
+    graphs = sequence_graphs(objects, boxes, mask, length, tau, class_ids, persistent)
     return jax.vmap(encode, in_axes=(None, 0, None, None, None))(params, graphs, alpha, suppress_robot, robot_messages)

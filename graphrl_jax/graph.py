@@ -18,6 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+BOX_FEATURES = 4
+
 
 @dataclass(frozen=True)
 class ObjectTable:
@@ -179,6 +181,7 @@ def update_activity(
     boxes: jax.Array,
     mask: jax.Array,
     tau: ArrayLike,
+    persistent: bool = True,
 ) -> jax.Array:
     """Activity after one more frame: an object is active once its centre has moved by more than `tau` box diagonals.
 
@@ -190,6 +193,7 @@ def update_activity(
       previous_boxes, boxes: (N, 4) float32 at t-1 and t, at the full frame rate.
       previous_mask, mask: (N,) bool at t-1 and t.
       tau: threshold per frame, as a share of the box's diagonal.
+      persistent: static; without it an object is active in those frames alone in which it moves (an ablation).
 
     Returns:
       (N,) bool.
@@ -197,16 +201,17 @@ def update_activity(
     displacement = safe_norm(boxes[:, :2] - previous_boxes[:, :2])
     # A product instead of a quotient: a box without extent is not a division by zero.
     moved = displacement > tau * safe_norm(boxes[:, 2:])
-    return active | (moved & mask & previous_mask)
+    moved = moved & mask & previous_mask
+    return active | moved if persistent else moved
 
 
-def activity(boxes: jax.Array, mask: jax.Array, tau: ArrayLike) -> jax.Array:
+def activity(boxes: jax.Array, mask: jax.Array, tau: ArrayLike, persistent: bool = True) -> jax.Array:
     """Activity flags of a whole sequence; the first frame's are all False.
 
     Args:
       boxes: (T, N, 4) float32 at the full frame rate.
       mask: (T, N) bool.
-      tau: see `update_activity`.
+      tau, persistent: see `update_activity`.
 
     Returns:
       (T, N) bool.
@@ -214,7 +219,7 @@ def activity(boxes: jax.Array, mask: jax.Array, tau: ArrayLike) -> jax.Array:
 
     def advance(carry: tuple, frame: tuple) -> tuple:
         active, previous_boxes, previous_mask = carry
-        active = update_activity(active, previous_boxes, previous_mask, *frame, tau)
+        active = update_activity(active, previous_boxes, previous_mask, *frame, tau, persistent)
         return (active, *frame), active
 
     start = (jnp.zeros(mask.shape[1:], bool), boxes[0], mask[0])
@@ -228,6 +233,7 @@ def sequence_graphs(
     length: ArrayLike,
     tau: ArrayLike,
     class_ids: jax.Array | None = None,
+    persistent: bool = True,
 ) -> Graph:
     """All graphs of one padded demonstration, activity included. Frames from `length` on are wholly masked.
 
@@ -236,7 +242,7 @@ def sequence_graphs(
       boxes: (T, N, 4) float32 at the full frame rate.
       mask: (T, N) bool.
       length: number of real frames, 1 to T.
-      tau: see `update_activity`.
+      tau, persistent: see `update_activity`.
       class_ids: see `build_graph`.
 
     Returns:
@@ -245,7 +251,7 @@ def sequence_graphs(
     real = jnp.arange(mask.shape[0]) < length
     mask = mask & real[:, None]
     frames = jax.vmap(build_graph, in_axes=(None, 0, 0, 0, None))
-    return frames(objects, boxes, mask, activity(boxes, mask, tau), class_ids)
+    return frames(objects, boxes, mask, activity(boxes, mask, tau, persistent), class_ids)
 
 
 def pad_graph(graph: Graph, num_slots: int) -> Graph:

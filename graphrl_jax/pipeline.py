@@ -3,7 +3,7 @@
 Here live the side effects between the pure programs: files, progress, checkpoints. `train.py` strings them together.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from typing import Any
@@ -34,6 +34,8 @@ DEMONSTRATIONS, PRETRAIN, LANDSCAPE, POLICY, _EVALUATION, RECORDING, GOAL = rang
 
 WITH_ROBOT = {"suppress_robot": 0.0, "robot_messages": 1.0}
 """Floats of pretraining w/ robot: one that is pooled also sends messages."""
+_GRAPHIRL = {"alpha": 1.0, "reconstruction_weight": 0.0, "robot_messages": 0.0}
+_ABLATED: dict[str, dict[str, float]] = {"reconstruction": {"reconstruction_weight": 0.0}, "activity": {"alpha": 1.0}}
 STAGE_METHODS = ("rests", "change_points", "uvd")
 
 
@@ -59,9 +61,17 @@ def make_demonstrations(task: Task, settings: Settings) -> Demonstrations:
     return loaded
 
 
-def pretrain_hyper(task: Task, alpha: float, with_robot: bool) -> PretrainHyper:
-    """The task's floats of pretraining, with the robot or not."""
-    return replace(task.pretraining, alpha=alpha, **(WITH_ROBOT if with_robot else {}))
+def pretrain_hyper(task: Task, alpha: float, reward: str, ablations: Sequence[str] = ()) -> PretrainHyper:
+    """The task's floats of pretraining as a reward has them, without what is ablated.
+
+    GraphIRL's has TCC alone, a plain mean and, w/o robot, no node for it: all else is ours, rearrangements included.
+    """
+    changes = {"alpha": alpha}
+    changes |= _GRAPHIRL if reward.startswith("graphirl") else {}
+    changes |= WITH_ROBOT if reward.endswith("with_robot") else {}
+    for ablation in ablations:
+        changes |= _ABLATED.get(ablation, {})
+    return replace(task.pretraining, **changes)
 
 
 def encoder_numbers(model: RewardModel, held_out: Demonstrations) -> dict[str, float]:
@@ -148,7 +158,7 @@ def demonstration_stages(model: RewardModel, demonstrations: Demonstrations, met
     return {"stages": rows, "judged": stages.judge(found, true, demonstrations.lengths)}
 
 
-def load_reward(run: Run, config: EncoderConfig, task: Task) -> RewardModel:
+def load_reward(run: Run, config: EncoderConfig, task: Task, persistent: bool = True) -> RewardModel:
     """The frozen reward saved in a run's directory.
 
     Raises:
@@ -157,8 +167,8 @@ def load_reward(run: Run, config: EncoderConfig, task: Task) -> RewardModel:
 
     def template() -> RewardModel:
         zero = jnp.zeros((), jnp.float32)
-        params = init_encoder(jax.random.key(0), config, task.objects.num_classes)
-        return RewardModel(params, jnp.zeros(config.embedding, jnp.float32), *[zero] * 6)
+        params = init_encoder(jax.random.key(0), config, task.objects.num_classes, task.objects.num_slots)
+        return RewardModel(params, jnp.zeros(config.embedding, jnp.float32), *[zero] * 6, persistent)
 
     return load_tree(run.path / "encoder.npz", jax.eval_shape(template))
 

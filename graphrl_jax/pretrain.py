@@ -1,6 +1,6 @@
 """Encoder pretraining: soft TCC plus reconstruction on demonstrations, as one jitted program.
 
-    state = init(config, num_classes, key)
+    state = init(config, objects, key)
     state, history = run(config, hyper, data, state, num_steps)     # a chunk; as often as one likes
     state, history = train(config, hyper, data, key)                # all of it; the same numbers
 
@@ -20,7 +20,7 @@ from graphrl_jax import decoder, encoder, tcc
 from graphrl_jax.augment import Motion, motion, rearrange
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.encoder import EncoderConfig
-from graphrl_jax.graph import Graph, ObjectTable, build_graph
+from graphrl_jax.graph import Graph, ObjectTable, build_graph, update_activity
 from graphrl_jax.optimizer import AdamState, adam_init, adam_update, clip_by_global_norm, warmup_cosine
 
 Metrics = dict[str, jax.Array]
@@ -38,6 +38,7 @@ class PretrainConfig:
     | encoder     | sizes of the encoder                                                  |
     | decode_from | what the decoder sees, `node` or `pooled`                             |
     | tcc_variant | see `tcc.cycle_loss`                                                  |
+    | persistent  | what has moved stays active; False is an ablation                     |
 
     Raises:
       ValueError: a value that is not allowed; the message names the field.
@@ -49,6 +50,7 @@ class PretrainConfig:
     encoder: EncoderConfig = EncoderConfig()
     decode_from: decoder.Source = "node"
     tcc_variant: tcc.Variant = "regression_mse"
+    persistent: bool = True
 
     def __post_init__(self) -> None:
         for name, least in (("steps", 1), ("batch_size", 2), ("num_frames", 2)):
@@ -150,12 +152,13 @@ def prepare(demonstrations: Demonstrations) -> PretrainData:
     return PretrainData(*arrays, objects=demos.objects)
 
 
-def init(config: PretrainConfig, num_classes: int, key: jax.Array) -> PretrainState:
-    """The state before the first step, for graphs with `num_classes` classes."""
+def init(config: PretrainConfig, objects: ObjectTable, key: jax.Array) -> PretrainState:
+    """The state before the first step, for graphs of these objects."""
     encoder_key, decoder_key, run_key = jax.random.split(key, 3)
+    node_size = config.encoder.embedding if config.encoder.kind == "interaction" else config.encoder.hidden
     params = {
-        "encoder": encoder.init(encoder_key, config.encoder, num_classes),
-        "decoder": decoder.init(decoder_key, config.encoder.hidden, num_classes, config.decode_from),
+        "encoder": encoder.init(encoder_key, config.encoder, objects.num_classes, objects.num_slots),
+        "decoder": decoder.init(decoder_key, node_size, objects.num_classes, config.decode_from),
     }
     return PretrainState(params, adam_init(params), run_key)
 
@@ -197,12 +200,13 @@ def _sample_batch(
         frame_key, show_key = jax.random.split(key)
         frames, mask = sample_frames(frame_key, length, num_total, config.num_frames)
         times = frames.astype(jnp.float32) / length.astype(jnp.float32)
-        return _show(hyper, data, motions, demonstration, frames, show_key), mask, times
+        return _show(config, hyper, data, motions, demonstration, frames, show_key), mask, times
 
     return jax.vmap(sample)(chosen, jax.random.split(frame_key, size))
 
 
 def _show(
+    config: PretrainConfig,
     hyper: PretrainHyper,
     data: PretrainData,
     motions: Motion,
@@ -213,17 +217,29 @@ def _show(
     """Graphs (F, ...) of some frames (F,) of one demonstration as training sees it, rearranged or as it was."""
     choice_key, rearrange_key = jax.random.split(key)
     moves = jax.tree.map(lambda leaf: leaf[demonstration], motions)
-    times = frames / jnp.maximum(data.lengths[demonstration] - 1, 1)
-    rearranged = rearrange(rearrange_key, data.objects, moves, times, hyper.bumped, hyper.bumped_before, hyper.approach)
-    original = data.boxes[demonstration, frames], moves.active[frames]
     choice = jax.random.bernoulli(choice_key, hyper.rearranged)
-    boxes, active = (jnp.where(choice, new, old) for new, old in zip(rearranged, original, strict=True))
+
+    def seen(frames: jax.Array) -> tuple[jax.Array, jax.Array]:
+        times = frames / jnp.maximum(data.lengths[demonstration] - 1, 1)
+        chances = (hyper.bumped, hyper.bumped_before, hyper.approach)
+        rearranged = rearrange(rearrange_key, data.objects, moves, times, *chances)
+        original = data.boxes[demonstration, frames], moves.active[frames]
+        boxes, active = (jnp.where(choice, new, old) for new, old in zip(rearranged, original, strict=True))
+        return boxes, active
+
+    boxes, active = seen(frames)
+    if not config.persistent:
+        before, shown = seen(jnp.maximum(frames - 1, 0))[0], data.mask[demonstration]
+        moved = jax.vmap(partial(update_activity, persistent=False), in_axes=(0, 0, 0, 0, 0, None))
+        active = moved(active, before, shown[jnp.maximum(frames - 1, 0)], boxes, shown[frames], hyper.tau)
     build = jax.vmap(partial(build_graph, data.objects), in_axes=(0, 0, 0, None))
     return build(boxes, data.mask[demonstration, frames], active, data.class_ids[demonstration])
 
 
-@partial(jax.jit, static_argnames="draws")
-def shown_frames(hyper: PretrainHyper, data: PretrainData, key: jax.Array, draws: int = 16) -> Graph:
+@partial(jax.jit, static_argnames=("config", "draws"))
+def shown_frames(
+    config: PretrainConfig, hyper: PretrainHyper, data: PretrainData, key: jax.Array, draws: int = 16
+) -> Graph:
     """First, middle and last frames as training sees them, `draws` times of every demonstration.
 
     Returns:
@@ -235,7 +251,7 @@ def shown_frames(hyper: PretrainHyper, data: PretrainData, key: jax.Array, draws
 
     def show(demonstration: jax.Array, key: jax.Array) -> Graph:
         last = data.lengths[demonstration] - 1
-        return _show(hyper, data, motions, demonstration, jnp.stack([0 * last, last // 2, last]), key)
+        return _show(config, hyper, data, motions, demonstration, jnp.stack([0 * last, last // 2, last]), key)
 
     return jax.vmap(show)(chosen, keys)
 
@@ -322,4 +338,4 @@ def train(
     Returns:
       The last state (`state.params["encoder"]` is the encoder) and the metrics of `step`, each (steps,) float32.
     """
-    return run(config, hyper, data, init(config, data.objects.num_classes, key), config.steps)
+    return run(config, hyper, data, init(config, data.objects, key), config.steps)

@@ -6,7 +6,7 @@ alone, makes the reward fall evenly.
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 
 import jax
@@ -37,6 +37,7 @@ class RewardModel:
     | suppress_robot | ()    | float32 | 1: robot's node left out of the pooling, 0: kept         |
     | tau            | ()    | float32 | activity threshold per frame, in box diagonals           |
     | robot_messages | ()    | float32 | weight of the robot among a node's senders               |
+    | persistent     |       | bool    | static: what has moved stays active                      |
     """
 
     params: EncoderParams
@@ -47,6 +48,7 @@ class RewardModel:
     suppress_robot: jax.Array
     tau: jax.Array
     robot_messages: jax.Array
+    persistent: bool = field(default=True, metadata={"static": True})
 
     def embed(self, graph: Graph) -> jax.Array:
         """phi(G) of one graph: (D,)."""
@@ -75,6 +77,7 @@ def fit_reward(
     shown: Graph | None = None,
     even: ArrayLike = 0.0,
     robot_messages: ArrayLike = 1.0,
+    persistent: bool = True,
 ) -> RewardModel:
     """Goal, scale and exponent from successful demonstrations.
 
@@ -91,6 +94,7 @@ def fit_reward(
       even: 1 fits the exponent so that at the middle frames the reward is half of that at the first ones; 0 leaves it
         at 1, which is Eq. 3. So does an encoder whose middle frames are no nearer to the goal.
       robot_messages: see `encoder.encode_nodes`.
+      persistent: see `graph.update_activity`.
 
     Raises:
       ValueError: a demonstration is a failure, or the first frames coincide with the goal.
@@ -101,7 +105,8 @@ def fit_reward(
             f"the goal is fitted to successes only, but {failures} of {len(demonstrations)} demonstrations are "
             "failures; pass demonstrations.successes()"
         )
-    embeddings = embed_demonstrations(params, demonstrations, alpha, suppress_robot, tau, robot_messages)
+    weights = (alpha, suppress_robot, tau, robot_messages)
+    embeddings = embed_demonstrations(params, demonstrations, *weights, persistent)
     if shown is None:
         last = demonstrations.lengths - 1
         frames = np.stack([np.zeros_like(last), last // 2, last], axis=1)
@@ -116,7 +121,7 @@ def fit_reward(
         )
     exponent = 1.0 + even * (_halving_exponent(safe_norm(seen - goal)) - 1.0)
     scalars = (1 / start_distance, exponent, alpha, suppress_robot, tau, robot_messages)
-    return RewardModel(params, goal, *(jnp.asarray(value, jnp.float32) for value in scalars))
+    return RewardModel(params, goal, *(jnp.asarray(value, jnp.float32) for value in scalars), persistent)
 
 
 def _halving_exponent(distances: jax.Array) -> float:
@@ -134,17 +139,19 @@ def embed_demonstrations(
     suppress_robot: ArrayLike,
     tau: ArrayLike,
     robot_messages: ArrayLike = 1.0,
+    persistent: bool = True,
 ) -> jax.Array:
     """phi of every frame: (B, T, D) float32; rows behind a demonstration's length are finite and mean nothing."""
     demos = demonstrations
     weights = (alpha, suppress_robot, tau, robot_messages)
-    return _embed_batch(demos.objects, params, demos.boxes, demos.mask, demos.lengths, demos.class_ids(), *weights)
+    data = (demos.boxes, demos.mask, demos.lengths, demos.class_ids())
+    return _embed_batch(demos.objects, persistent, params, *data, *weights)
 
 
 def demonstration_embeddings(model: RewardModel, demonstrations: Demonstrations) -> jax.Array:
     """phi of every frame as a reward model sees it; see `embed_demonstrations`."""
     weights = (model.alpha, model.suppress_robot, model.tau, model.robot_messages)
-    return embed_demonstrations(model.params, demonstrations, *weights)
+    return embed_demonstrations(model.params, demonstrations, *weights, model.persistent)
 
 
 def demonstration_rewards(model: RewardModel, demonstrations: Demonstrations) -> jax.Array:
@@ -160,9 +167,10 @@ def _embed_graphs(
     return jax.vmap(jax.vmap(encode, axes), axes)(params, graphs, alpha, suppress_robot, robot_messages)
 
 
-@partial(jax.jit, static_argnames="objects")
+@partial(jax.jit, static_argnames=("objects", "persistent"))
 def _embed_batch(
     objects: ObjectTable,
+    persistent: bool,
     params: EncoderParams,
     boxes: jax.Array,
     mask: jax.Array,
@@ -173,5 +181,6 @@ def _embed_batch(
     tau: ArrayLike,
     robot_messages: ArrayLike,
 ) -> jax.Array:
-    batched = jax.vmap(encode_sequence, in_axes=(None, None, 0, 0, 0, None, None, None, None, 0))
+    embed = partial(encode_sequence, persistent=persistent)
+    batched = jax.vmap(embed, in_axes=(None, None, 0, 0, 0, None, None, None, None, 0))
     return batched(params, objects, boxes, mask, lengths, alpha, suppress_robot, tau, robot_messages, class_ids)

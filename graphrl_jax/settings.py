@@ -1,17 +1,20 @@
 """What a whole run can be told, and the presets that fit a device."""
 
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, get_args
 
 import jax
 
 from graphrl_jax.encoder import EncoderConfig
 from graphrl_jax.ppo_config import PPOConfig, PPOHyper
 from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
+from graphrl_jax.tcc import VARIANTS, Variant
 
-RewardName = Literal["graph", "graph_with_robot", "env"]
+RewardName = Literal["graph", "graph_with_robot", "graphirl", "graphirl_with_robot", "env"]
+Ablation = Literal["reconstruction", "activity", "persistence", "edges"]
 PresetName = Literal["smoke", "cpu", "gpu"]
-REWARDS: tuple[RewardName, ...] = ("graph", "graph_with_robot", "env")
+REWARDS: tuple[RewardName, ...] = get_args(RewardName)
+ABLATIONS: tuple[Ablation, ...] = get_args(Ablation)
 
 
 @dataclass(frozen=True)
@@ -69,13 +72,16 @@ class Settings:
 
     Attributes:
       task: registered name.
-      reward: `graph` (robot left out of the pooling), `graph_with_robot`, or the task's own, `env`.
+      reward: `graph` (robot left out of the pooling), `graph_with_robot`, GraphIRL's (`graphirl`, robot left out, or
+        `graphirl_with_robot`), or the task's own, `env`.
       preset: name of the sizes used.
       seed: everything random follows from it.
       demos: path of a demonstration file, or None to let the expert make them.
       updates: policy updates, or None for the preset's.
       pretrain: floats of pretraining, alpha among them.
       ppo: floats of PPO; the learning rate decays over all updates.
+      ablations: what of the method is left out.
+      tcc_variant: see `tcc.cycle_loss`.
     """
 
     task: str = "match_regions"
@@ -86,12 +92,19 @@ class Settings:
     updates: int | None = None
     pretrain: PretrainHyper = field(default_factory=PretrainHyper)
     ppo: PPOHyper = field(default_factory=PPOHyper)
+    ablations: tuple[Ablation, ...] = ()
+    tcc_variant: Variant = "regression_mse"
 
     def __post_init__(self) -> None:
         if self.reward not in REWARDS:
             raise ValueError(f"unknown reward {self.reward!r}; known rewards: {', '.join(REWARDS)}")
         if self.preset not in PRESETS:
             raise ValueError(f"unknown preset {self.preset!r}; known presets: {', '.join(PRESETS)}")
+        for ablation in self.ablations:
+            if ablation not in ABLATIONS:
+                raise ValueError(f"unknown ablation {ablation!r}; known ablations: {', '.join(ABLATIONS)}")
+        if self.tcc_variant not in VARIANTS:
+            raise ValueError(f"unknown variant of the TCC {self.tcc_variant!r}; known: {', '.join(VARIANTS)}")
         if self.updates is not None and self.updates < 1:
             raise ValueError(f"updates is {self.updates}; allowed: 1 or more")
 
@@ -100,6 +113,15 @@ class Settings:
         """The preset's sizes, with `updates` if given."""
         preset = PRESETS[self.preset]
         return replace(preset, updates=preset.updates if self.updates is None else self.updates)
+
+    @property
+    def pretraining(self) -> PretrainConfig:
+        """Static sizes of pretraining: the preset's, with the reward's encoder and without what is ablated."""
+        config = self.sizes.pretrain
+        kind = "interaction" if self.reward.startswith("graphirl") else "message_passing"
+        encoder = replace(config.encoder, kind=kind, edges="edges" not in self.ablations)
+        persistent = "persistence" not in self.ablations
+        return replace(config, encoder=encoder, persistent=persistent, tcc_variant=self.tcc_variant)
 
 
 def default_preset() -> PresetName:

@@ -129,7 +129,7 @@ def planned(request: Sweep, task: Task) -> list[Member]:
         for name, value in swept.items():
             group, field = name.split(".")
             changes[group][field] = value
-        hyper = pipeline.pretrain_hyper(task, PretrainHyper().alpha, request.reward == "graph_with_robot")
+        hyper = pipeline.pretrain_hyper(task, PretrainHyper().alpha, request.reward)
         for seed in range(request.first_seed, request.first_seed + request.seeds):
             settings = Settings(
                 task=request.task,
@@ -181,7 +181,7 @@ def _encoders(members: Sequence[Member], task: Task, progress: Progress) -> list
     missing = [member for member in first.values() if not (member.run.path / "encoder.json").exists()]
     if missing:
         jobs = [EncoderJob(m.run, demos[m.settings.seed], m.settings.pretrain, m.settings.seed) for m in missing]
-        trained = train_encoders(jobs, members[0].settings.sizes.pretrain, progress)
+        trained = train_encoders(jobs, members[0].settings.pretraining, progress)
         for member, job, (model, numbers) in zip(missing, jobs, trained, strict=True):
             progress.note(f"auditing {member.run.path.name}")
             audited = pipeline.audit_reward(member.run, task, model, job.demonstrations, job.seed)
@@ -216,7 +216,7 @@ def _policies(members: Sequence[Member], task: Task, progress: Progress, folder:
     rewards: list[Any] = [
         np.float32(m.settings.pretrain.tau)
         if m.settings.reward == "env"
-        else pipeline.load_reward(m.run, m.settings.sizes.pretrain.encoder, task)
+        else pipeline.load_reward(m.run, m.settings.pretraining.encoder, task)
         for m in members
     ]
     jobs = [PolicyJob(m.run, m.settings, reward) for m, reward in zip(members, rewards, strict=True)]

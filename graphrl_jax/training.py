@@ -58,7 +58,7 @@ def train_encoders(
         raise ValueError(f"demonstrations trained on side by side must agree in number and length, got {shapes}")
     hypers = [ppo.as_float32(job.hyper) for job in jobs]
     keys = [pipeline.stage_key(job.seed, pipeline.PRETRAIN) for job in jobs]
-    states = [pretrain.init(config, data[0].objects.num_classes, key) for key in keys]
+    states = [pretrain.init(config, data[0].objects, key) for key in keys]
     chunk = max(1, config.steps // 10)
     started = time.perf_counter()
 
@@ -87,7 +87,7 @@ def train_encoders(
         for i, member in _each_once(group, sweep.unstack(state, size)):
             states[i] = member
     seconds = time.perf_counter() - started
-    rewards = [_fit_reward(*row) for row in zip(jobs, splits, data, states, strict=True)]
+    rewards = [_fit_reward(config, *row) for row in zip(jobs, splits, data, states, strict=True)]
     return [(model, {**numbers, "pretrain_s": seconds}) for model, numbers in rewards]
 
 
@@ -104,6 +104,7 @@ def train_encoder(
 
 
 def _fit_reward(
+    config: PretrainConfig,
     job: EncoderJob,
     split: tuple[Demonstrations, Demonstrations],
     data: pretrain.PretrainData,
@@ -112,9 +113,10 @@ def _fit_reward(
     """The reward of a trained encoder, saved, and its numbers on held-out demonstrations."""
     fitted, held_out = split
     hyper = job.hyper
-    shown = pretrain.shown_frames(ppo.as_float32(hyper), data, pipeline.stage_key(job.seed, pipeline.GOAL))
+    shown = pretrain.shown_frames(config, ppo.as_float32(hyper), data, pipeline.stage_key(job.seed, pipeline.GOAL))
     weights = (hyper.alpha, hyper.suppress_robot, hyper.tau)
-    model = fit_reward(state.params["encoder"], fitted, *weights, shown, hyper.even, hyper.robot_messages)
+    floats = (hyper.even, hyper.robot_messages)
+    model = fit_reward(state.params["encoder"], fitted, *weights, shown, *floats, config.persistent)
     save_tree(job.run.path / "encoder.npz", model)
     return model, pipeline.encoder_numbers(model, held_out)
 

@@ -36,11 +36,13 @@ class EnvironmentReward(Wrapper):
     Args:
         env: the task: a Brax environment with `boxes(state) -> ((N, 4), (N,))` and `objects`.
         tau: scalar activity threshold, in box diagonals per step.
+        persistent: see `graph.update_activity`.
     """
 
-    def __init__(self, env: Env, tau: jax.Array | float):
+    def __init__(self, env: Env, tau: jax.Array | float, persistent: bool = True):
         super().__init__(env)
         self.tau = tau
+        self.persistent = persistent
 
     @property
     def observation_size(self) -> int:
@@ -56,7 +58,8 @@ class EnvironmentReward(Wrapper):
         before = state.info
         state = self.env.step(state, action)
         boxes, mask = self.env.boxes(state)
-        active = update_activity(before["active"], before["boxes"], before["mask"], boxes, mask, self.tau)
+        last = (before["active"], before["boxes"], before["mask"])
+        active = update_activity(*last, boxes, mask, self.tau, self.persistent)
         return self._with_activity(state, before, boxes, mask, active)
 
     def _with_activity(
@@ -81,7 +84,7 @@ class GraphReward(EnvironmentReward):
     """
 
     def __init__(self, env: Env, model: RewardModel):
-        super().__init__(env, model.tau)
+        super().__init__(env, model.tau, model.persistent)
         self.model = model
 
     def reset(self, rng: jax.Array) -> State:

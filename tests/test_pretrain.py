@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic import demonstrations
+from synthetic import OBJECTS, demonstrations
 
 from graphrl_jax import pretrain
 from graphrl_jax.encoder import EncoderConfig
@@ -76,7 +76,7 @@ def test_new_numbers_and_seeds_do_not_trace_again(trained):
 
 
 def test_chunks_equal_one_run(trained):
-    state = jax.jit(pretrain.init, static_argnums=(0, 1))(CONFIG, 3, jax.random.key(0))
+    state = jax.jit(pretrain.init, static_argnums=(0, 1))(CONFIG, OBJECTS, jax.random.key(0))
     losses = []
     for _ in range(3):
         state, history = pretrain.run(CONFIG, HYPER, DATA, state, 20)

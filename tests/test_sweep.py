@@ -38,7 +38,7 @@ def test_encoders_side_by_side_are_those_trained_alone():
     config = PretrainConfig(steps=8, batch_size=4, num_frames=8)
     data = [pretrain.prepare(demonstrations(seed=seed)) for seed in (0, 1)]
     hypers = [ppo.as_float32(PretrainHyper(alpha=alpha, learning_rate=3e-4)) for alpha in (1.0, 8.0)]
-    states = [pretrain.init(config, data[0].objects.num_classes, jax.random.key(seed)) for seed in (3, 4)]
+    states = [pretrain.init(config, data[0].objects, jax.random.key(seed)) for seed in (3, 4)]
     together, metrics = sweep.pretrain_steps(config, 3, 2, *map(sweep.stack, (hypers, data, states)))
     for i, (member, curve) in enumerate(sweep.unstack((together, metrics), 2)):
         alone, alone_curve = sweep.pretrain_steps(config, 3, 1, hypers[i], data[i], states[i])
