@@ -16,7 +16,7 @@ import jax
 import numpy as np
 import tyro
 
-from graphrl_jax import compilation, demonstrations, pipeline, plots, recording, runs, training
+from graphrl_jax import compilation, demonstrations, devices, pipeline, plots, recording, runs, training
 from graphrl_jax.detection import ultralytics
 from graphrl_jax.encoder import EncoderConfig
 from graphrl_jax.importers.convert import Source, demonstrations_of, track_recording
@@ -51,6 +51,9 @@ class Train:
       updates: Policy updates; the preset's number if left out.
       out: Folder of the run; runs/TASK_REWARD_SEED if left out.
       resume: Continue the run in --out from its last checkpoint; its own settings are used.
+      coordinator: Address and port of the first of several processes that train together, such as localhost:12345.
+      processes: How many they are.
+      process: Which of them this is, from 0; those above 0 need --out, and keep their copy in OUT.process_N.
     """
 
     task: str = "match_regions"
@@ -64,6 +67,9 @@ class Train:
     updates: int | None = None
     out: Path | None = None
     resume: bool = False
+    coordinator: str | None = None
+    processes: int = 1
+    process: int = 0
 
 
 @dataclass(frozen=True)
@@ -202,6 +208,8 @@ def _run(action: Callable[[], None]) -> None:
 def train(request: Train) -> None:
     """A whole run; see `Train`."""
     started = time.perf_counter()
+    if request.coordinator is not None:
+        request = _joined(request)
     compile_log = compilation.configure()
     run, settings = _resumed(request) if request.resume else _started(request)
     task = make_task(settings.task)
@@ -240,6 +248,16 @@ def train(request: Train) -> None:
     }
     runs.write_json(run.path / "summary.json", summary)
     print(json.dumps({"out": str(run.path), **outcome, "wall_s": round(summary["wall_s"], 1)}))
+
+
+def _joined(request: Train) -> Train:
+    """Joins the other processes; the request with the folder of this one."""
+    devices.join(request.coordinator or "", request.processes, request.process)
+    if request.process == 0:
+        return request
+    if request.out is None:
+        raise ValueError("--out is missing; processes above 0 keep their copy beside it")
+    return replace(request, out=request.out.with_name(f"{request.out.name}.process_{request.process}"))
 
 
 def make_demos(request: MakeDemos) -> None:

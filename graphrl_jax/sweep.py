@@ -12,8 +12,9 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+from jax.stages import Wrapped
 
-from graphrl_jax import ppo, pretrain
+from graphrl_jax import devices, ppo, pretrain
 from graphrl_jax.compilation import jit_physics
 from graphrl_jax.ppo_config import PPOConfig, PPOHyper
 from graphrl_jax.pretrain import PretrainConfig, PretrainData, PretrainHyper, PretrainState
@@ -37,39 +38,44 @@ def each(function: Callable, count: int) -> Callable:
     return function if count == 1 else jax.vmap(function)
 
 
-@partial(jax.jit, static_argnums=(0, 1, 2))
-def pretrain_steps(
-    config: PretrainConfig,
-    num_steps: int,
-    count: int,
-    hyper: PretrainHyper,
-    data: PretrainData,
-    state: PretrainState,
-) -> tuple[PretrainState, pretrain.Metrics]:
-    """`num_steps` steps of `count` encoders; see `pretrain.run`."""
-    return each(lambda *member: pretrain.run(config, *member, num_steps), count)(hyper, data, state)
+def pretrain_program(config: PretrainConfig, num_steps: int, count: int) -> Wrapped:
+    """`num_steps` steps of `count` encoders: (hyper, data, state) -> (state, metrics); see `pretrain.run`.
+
+    Members are shared out over the devices. Data stays where it is needed; every argument is as `stack` makes it.
+    """
+    where = devices.per_member(devices.mesh_for(count, len(jax.devices())), count)
+
+    def run(hyper: PretrainHyper, data: PretrainData, state: PretrainState) -> tuple[PretrainState, pretrain.Metrics]:
+        return each(lambda *member: pretrain.run(config, *member, num_steps), count)(hyper, data, state)
+
+    return jax.jit(run, in_shardings=where, out_shardings=where)
 
 
-@partial(jit_physics, static_argnums=(0, 1, 2))
-def policy_init(
-    config: PPOConfig, make_env: ppo.MakeEnv, count: int, reward_params: Any, key: jax.Array
-) -> ppo.TrainState:
-    """The states of `count` policies before their first update; see `ppo.init`."""
-    return each(partial(ppo.init, config, make_env), count)(reward_params, key)
+def policy_programs(config: PPOConfig, make_env: ppo.MakeEnv, count: int) -> tuple[Wrapped, Callable[[int], Wrapped]]:
+    """Two programs for `count` policies, members and environments shared out over the devices.
 
+    Returns:
+      (reward_params, key) -> state, see `ppo.init`; and, for a number of updates, (hyper, reward_params, state) ->
+      (state, metrics), see `ppo.updates`: the state is donated, and every device has all metrics.
+    """
+    mesh = devices.mesh_for(count, config.num_envs)
+    member, state_lies = devices.per_member(mesh, count), devices.of_train_state(mesh, count)
 
-@partial(jit_physics, static_argnums=(0, 1, 2, 3), donate_argnums=(6,))
-def policy_updates(
-    config: PPOConfig,
-    make_env: ppo.MakeEnv,
-    num_updates: int,
-    count: int,
-    hyper: PPOHyper,
-    reward_params: Any,
-    state: ppo.TrainState,
-) -> tuple[ppo.TrainState, ppo.Metrics]:
-    """`num_updates` updates of `count` policies, their states donated; see `ppo.updates`."""
-    return each(partial(ppo.updates, config, make_env, num_updates), count)(hyper, reward_params, state)
+    def init(reward_params: Any, key: jax.Array) -> ppo.TrainState:
+        return each(partial(ppo.init, config, make_env), count)(reward_params, key)
+
+    def updates(num_updates: int) -> Wrapped:
+        def run(hyper: PPOHyper, reward_params: Any, state: ppo.TrainState) -> tuple[ppo.TrainState, ppo.Metrics]:
+            return each(partial(ppo.updates, config, make_env, num_updates), count)(hyper, reward_params, state)
+
+        return jit_physics(
+            run,
+            in_shardings=(member, member, state_lies),
+            out_shardings=(state_lies, devices.everywhere(mesh)),
+            donate_argnums=2,
+        )
+
+    return jit_physics(init, in_shardings=member, out_shardings=state_lies), updates
 
 
 def free_bytes() -> int:

@@ -10,7 +10,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from graphrl_jax import pipeline, plots, ppo, pretrain, sweep
+from graphrl_jax import devices, pipeline, plots, ppo, pretrain, sweep
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.progress import Progress
@@ -64,10 +64,11 @@ def train_encoders(
 
     def program_for(steps: int, count: int) -> Any:
         arguments = (sweep.stack(part[:count]) for part in (hypers, data, states))
-        return sweep.pretrain_steps.lower(config, steps, count, *arguments).compile()
+        return sweep.pretrain_program(config, steps, count).lower(*arguments).compile()
 
     size, program = sweep.fit(lambda count: program_for(chunk, count), len(jobs))
     programs = {chunk: program}
+    lies = devices.per_member(devices.mesh_for(size, len(jax.devices())), size)
     members = sweep.groups(range(len(jobs)), size)
     progress.begin("pretraining", config.steps * len(members))
     if len(jobs) > 1:
@@ -78,13 +79,13 @@ def train_encoders(
             steps = min(chunk, config.steps - done)
             if steps not in programs:
                 programs[steps] = program_for(steps, size)
-            state, history = programs[steps](hyper, shown, state)
-            means = sweep.unstack(jax.tree.map(lambda values: np.asarray(values).mean(-1), history), size)
+            state, history = programs[steps](*jax.device_put((hyper, shown, state), lies))
+            means = sweep.unstack(jax.tree.map(lambda values: values.mean(-1), devices.to_host(history)), size)
             for i, record in _each_once(group, means):
                 numbers = {name: float(value) for name, value in record.items()}
                 jobs[i].run.log({"stage": "pretrain", "step": done + steps, **numbers})
             progress.advance(steps, loss=float(np.mean([m["loss"] for m in means])))
-        for i, member in _each_once(group, sweep.unstack(state, size)):
+        for i, member in _each_once(group, sweep.unstack(devices.to_host(state), size)):
             states[i] = member
     seconds = time.perf_counter() - started
     rewards = [_fit_reward(config, *row) for row in zip(jobs, splits, data, states, strict=True)]
@@ -143,11 +144,13 @@ def train_policies(
     rewards = [ppo.as_float32(job.reward_params) for job in jobs]
     make_env = pipeline.environment_of(task.training(), first.reward)
 
+    programs = cache(lambda count: sweep.policy_programs(config, make_env, count))
+
     @cache
     def program_for(updates: int, count: int) -> Any:
         hyper, reward, key = (sweep.stack(part[:count]) for part in (hypers, rewards, keys))
-        state = sweep.policy_init.eval_shape(config, make_env, count, reward, key)
-        return sweep.policy_updates.lower(config, make_env, updates, count, hyper, reward, state).compile()
+        init, make_updates = programs(count)
+        return make_updates(updates).lower(hyper, reward, init.eval_shape(reward, key)).compile()
 
     chunk = min(sizes.updates_per_chunk, sizes.updates)
     size, _ = sweep.fit(lambda count: program_for(chunk, count), len(jobs))
@@ -158,12 +161,14 @@ def train_policies(
     trained: dict[int, tuple[Any, dict[str, Any]]] = {}
     for number, group in enumerate(members):
         hyper, reward, key = (sweep.stack([part[i] for i in group]) for part in (hypers, rewards, keys))
-        state = sweep.policy_init(config, make_env, size, reward, key)
+        mesh = devices.mesh_for(size, config.num_envs)
+        hyper, reward = jax.device_put((hyper, reward), devices.per_member(mesh, size))
+        state = programs(size)[0](reward, key)
         alone = folder is None
         checkpoint = jobs[0].run.path / "train_state.npz" if alone else folder / f"policies_{number}.npz"
         if checkpoint.exists():
-            state = load_tree(checkpoint, state)
-        done = int(np.ravel(state.updates)[0])
+            state = jax.device_put(load_tree(checkpoint, state), devices.of_train_state(mesh, size))
+        done = int(np.ravel(devices.to_host(state.updates))[0])
         for i in set(group):
             jobs[i].run.forget_after("ppo", "update", done)
         progress.advance(done)
@@ -182,15 +187,15 @@ def train_policies(
             for i, record in _each_once(group, records):
                 jobs[i].run.log({"stage": "ppo", "update": done, "env_steps": done * config.steps_per_update,
                                  "steps_per_s": steps_per_s, **{k: float(v) for k, v in record.items()}})  # fmt: skip
-            save_tree(checkpoint, state)
-            for i, member in _each_once(group, sweep.unstack(ppo.policy_params(state), size)):
+            save_tree(checkpoint, devices.to_host(state))
+            for i, member in _each_once(group, sweep.unstack(devices.to_host(ppo.policy_params(state)), size)):
                 save_tree(jobs[i].run.path / "policy.npz", member)
             shown = [name for name in ("success", "score", "reward") if name in records[0]]
             means = {name: float(np.nanmean([record[name] for record in records])) for name in shown}
             progress.advance(count, **{"steps/s": steps_per_s}, **means)
         rate = size * timed * config.steps_per_update / seconds if seconds else None
         numbers = {"env_steps": done * config.steps_per_update, "train_steps_per_s": rate}
-        for i, member in _each_once(group, sweep.unstack(ppo.policy_params(state), size)):
+        for i, member in _each_once(group, sweep.unstack(devices.to_host(ppo.policy_params(state)), size)):
             plots.learning_curve(jobs[i].run.records("ppo"), jobs[i].run.figures / "learning_curve.png")
             trained[i] = member, numbers
     return [trained[i] for i in range(len(jobs))]

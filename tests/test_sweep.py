@@ -39,9 +39,9 @@ def test_encoders_side_by_side_are_those_trained_alone():
     data = [pretrain.prepare(demonstrations(seed=seed)) for seed in (0, 1)]
     hypers = [ppo.as_float32(PretrainHyper(alpha=alpha, learning_rate=3e-4)) for alpha in (1.0, 8.0)]
     states = [pretrain.init(config, data[0].objects, jax.random.key(seed)) for seed in (3, 4)]
-    together, metrics = sweep.pretrain_steps(config, 3, 2, *map(sweep.stack, (hypers, data, states)))
+    together, metrics = sweep.pretrain_program(config, 3, 2)(*map(sweep.stack, (hypers, data, states)))
     for i, (member, curve) in enumerate(sweep.unstack((together, metrics), 2)):
-        alone, alone_curve = sweep.pretrain_steps(config, 3, 1, hypers[i], data[i], states[i])
+        alone, alone_curve = sweep.pretrain_program(config, 3, 1)(hypers[i], data[i], states[i])
         assert_close(curve, alone_curve, 1e-4)
         # Adam makes a step of any gradient, however near to nothing, and its sign is then a matter of rounding.
         assert_close(member.params, alone.params, 1e-3)
@@ -53,11 +53,12 @@ def test_policies_side_by_side_are_those_trained_alone():
     hypers = [ppo.as_float32(PPOHyper(learning_rate=rate)) for rate in (1e-3, 1e-2)]
     keys = [jax.random.key(seed) for seed in (0, 1)]
     rewards = [ppo.as_float32(ProbeReward(constant=value, length=4.0)) for value in (1.0, 2.0)]
-    state = sweep.policy_init(config, Probe, 2, sweep.stack(rewards), sweep.stack(keys))
-    together, metrics = sweep.policy_updates(config, Probe, 2, 2, sweep.stack(hypers), sweep.stack(rewards), state)
+    init, updates = sweep.policy_programs(config, Probe, 2)
+    state = init(sweep.stack(rewards), sweep.stack(keys))
+    together, metrics = updates(2)(sweep.stack(hypers), sweep.stack(rewards), state)
+    init, updates = sweep.policy_programs(config, Probe, 1)
     for i, member in enumerate(sweep.unstack((together.params, metrics), 2)):
-        alone = sweep.policy_init(config, Probe, 1, rewards[i], keys[i])
-        alone, alone_metrics = sweep.policy_updates(config, Probe, 2, 1, hypers[i], rewards[i], alone)
+        alone, alone_metrics = updates(2)(hypers[i], rewards[i], init(rewards[i], keys[i]))
         assert_close(member, (alone.params, alone_metrics), 1e-4)
     np.testing.assert_allclose(metrics["reward"][:, 0], [1.0, 2.0])
 

@@ -1,0 +1,85 @@
+"""Programs spread over devices and processes: sweep members on one axis of the mesh, environments on the other.
+
+Nothing else changes: the programs are the same, and the compiler puts in what devices have to tell each other. Several
+processes (`join`) see one mesh of all their devices; each runs the same code and ends with the same numbers.
+"""
+
+import math
+from typing import Any
+
+import jax
+import numpy as np
+from jax.experimental import multihost_utils
+from jax.sharding import Mesh, NamedSharding, PartitionSpec
+
+from graphrl_jax.ppo import TrainState
+from graphrl_jax.runs import is_key
+
+MEMBERS, ENVIRONMENTS = "members", "environments"
+
+
+def join(coordinator: str, processes: int, process: int) -> None:
+    """Makes this process one of several; call it before anything is computed.
+
+    Args:
+      coordinator: address and port of the first process, such as localhost:12345.
+      processes: how many there are.
+      process: which one this is, from 0.
+
+    Raises:
+      ValueError: there is no such process.
+    """
+    if not 0 <= process < processes:
+        raise ValueError(f"--process is {process}; allowed: 0 to {processes - 1}")
+    jax.distributed.initialize(coordinator, processes, process)
+
+
+def mesh_for(members: int, num_envs: int) -> Mesh:
+    """All devices as (members, environments): members first get devices of their own, then share theirs out.
+
+    Raises:
+      ValueError: the environments cannot be shared out evenly.
+    """
+    devices = np.array(jax.devices())
+    rows = math.gcd(members, devices.size)
+    columns = devices.size // rows
+    if num_envs % columns:
+        raise ValueError(f"num_envs is {num_envs}; allowed on {devices.size} devices: multiples of {columns}")
+    return Mesh(devices.reshape(rows, columns), (MEMBERS, ENVIRONMENTS))
+
+
+def per_member(mesh: Mesh, count: int) -> NamedSharding:
+    """Of arrays with a leading member axis if `count` is above 1; else every device has all of it."""
+    return NamedSharding(mesh, PartitionSpec(MEMBERS) if count > 1 else PartitionSpec())
+
+
+def everywhere(mesh: Mesh) -> NamedSharding:
+    """Every device has all of it."""
+    return NamedSharding(mesh, PartitionSpec())
+
+
+def of_train_state(mesh: Mesh, count: int) -> TrainState:
+    """Where the parts of `count` training states lie: environments are shared out, what is learned is not."""
+    whole = per_member(mesh, count)
+    shared = NamedSharding(mesh, PartitionSpec(*([MEMBERS] if count > 1 else []), ENVIRONMENTS))
+    return TrainState(
+        params=whole,  # type: ignore[arg-type]  # a sharding stands for all leaves of its part
+        optimizer=whole,  # type: ignore[arg-type]
+        normalizer=whole,  # type: ignore[arg-type]
+        return_statistics=whole,  # type: ignore[arg-type]
+        discounted_returns=shared,  # type: ignore[arg-type]
+        env_state=shared,  # type: ignore[arg-type]
+        key=whole,  # type: ignore[arg-type]
+        updates=whole,  # type: ignore[arg-type]
+    )
+
+
+def to_host(tree: Any) -> Any:
+    """Numpy arrays of all leaves, wherever their parts lie; typed keys stay keys. Every process has to ask."""
+
+    def fetch(leaf: Any) -> Any:
+        data = jax.random.key_data(leaf) if is_key(leaf) else leaf
+        whole = data if jax.process_count() == 1 else multihost_utils.process_allgather(data, tiled=True)
+        return jax.random.wrap_key_data(np.asarray(whole)) if is_key(leaf) else np.asarray(whole)
+
+    return jax.tree.map(fetch, tree)

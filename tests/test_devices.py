@@ -1,0 +1,106 @@
+"""Training on eight devices, and in two processes, is training on one: the same numbers up to rounding."""
+
+import json
+import os
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+from test_commands import OUTSIDE_PACKAGE, REPOSITORY, TRAIN
+
+from graphrl_jax import devices
+
+RUN = "import sys; from graphrl_jax import cli; cli.train_main(sys.argv[1:])"
+SWEEP = "import sys; from graphrl_jax import cli; cli.main(sys.argv[1:])"
+
+
+def start(program: str, *arguments: object, number: int, cache: Path) -> subprocess.Popen:
+    """A process with so many CPU devices."""
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(OUTSIDE_PACKAGE)]),
+        "JAX_COMPILATION_CACHE_DIR": str(cache),
+        "XLA_FLAGS": f"--xla_force_host_platform_device_count={number}",
+    }
+    command = [sys.executable, "-c", program, *map(str, arguments)]
+    return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def finish(process: subprocess.Popen) -> dict:
+    """The one JSON line that a process prints."""
+    out, error = process.communicate(timeout=500)
+    assert process.returncode == 0, error
+    return json.loads(out.splitlines()[-1])
+
+
+def curve(run: Path) -> np.ndarray:
+    """What PPO logged that does not depend on the clock: (chunks, numbers)."""
+    lines = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    numbers = [
+        {name: value for name, value in line.items() if name not in ("stage", "steps_per_s")}
+        for line in lines
+        if line["stage"] == "ppo"
+    ]
+    assert numbers and len({tuple(sorted(row)) for row in numbers}) == 1
+    return np.array([[row[name] for name in sorted(row)] for row in numbers])
+
+
+@pytest.fixture(scope="module")
+def cache(tmp_path_factory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture(scope="module")
+def alone(tmp_path_factory, cache) -> Path:
+    """A run on one device, with the environment's reward: nothing but PPO is spread out."""
+    out = tmp_path_factory.mktemp("runs") / "alone"
+    finish(start(RUN, *TRAIN, "--reward", "env", "--out", out, number=1, cache=cache))
+    return out
+
+
+def test_eight_devices_give_the_numbers_of_one(tmp_path, cache, alone):
+    out = tmp_path / "eight"
+    finish(start(RUN, *TRAIN, "--reward", "env", "--out", out, number=8, cache=cache))
+    np.testing.assert_allclose(curve(out), curve(alone), rtol=2e-3, atol=2e-3)
+
+
+def test_two_processes_give_the_numbers_of_one(tmp_path, cache, alone):
+    with socket.socket() as free:
+        free.bind(("localhost", 0))
+        address = f"localhost:{free.getsockname()[1]}"
+    out = tmp_path / "two"
+    together = ["--coordinator", address, "--processes", 2, "--process"]
+    running = [
+        start(RUN, *TRAIN, "--reward", "env", "--out", out, *together, process, number=2, cache=cache)
+        for process in range(2)
+    ]
+    outcomes = [finish(process) for process in running]
+    assert outcomes[0]["success_rate"] == outcomes[1]["success_rate"]
+    for run in (out, tmp_path / "two.process_1"):
+        np.testing.assert_allclose(curve(run), curve(alone), rtol=2e-3, atol=2e-3)
+
+
+def test_a_sweep_spreads_its_members_over_devices(tmp_path, cache):
+    runs = {}
+    for number in (1, 8):
+        out = tmp_path / str(number)
+        values = ["--reward", "env", "--sweep", "ppo.learning_rate=1e-3,3e-3", "--seeds", 2]
+        finish(start(SWEEP, "sweep", *TRAIN, *values, "--out", out, number=number, cache=cache))
+        runs[number] = [curve(path.parent) for path in sorted(out.glob("*/metrics.jsonl"))]
+    assert len(runs[1]) == len(runs[8]) == 4
+    np.testing.assert_allclose(runs[8], runs[1], rtol=2e-3, atol=2e-3)
+
+
+def test_environments_have_to_be_shared_out_evenly(monkeypatch):
+    monkeypatch.setattr(jax, "devices", lambda: list(range(8)))
+    monkeypatch.setattr(devices, "Mesh", lambda grid, names: dict(zip(names, grid.shape, strict=True)))
+    assert devices.mesh_for(12, 64) == {"members": 4, "environments": 2}
+    assert devices.mesh_for(1, 64) == {"members": 1, "environments": 8}
+    with pytest.raises(ValueError, match="num_envs is 60; allowed on 8 devices: multiples of 8"):
+        devices.mesh_for(1, 60)
+    with pytest.raises(ValueError, match="--process is 2; allowed: 0 to 1"):
+        devices.join("localhost:1", 2, 2)
