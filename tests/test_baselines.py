@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from synthetic import OBJECTS, demonstrations, overwrite_slot, random_graph
-from test_commands import OUTSIDE_PACKAGE, TRAIN, call
+from test_commands import TRAIN, call
 
 from graphrl_jax import cli, encoder, layers, pipeline, pretrain
 from graphrl_jax.encoder import INPUT_SCALE, EncoderConfig
@@ -17,16 +17,9 @@ from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.settings import ABLATIONS, Settings
 from graphrl_jax.task import make_task
 
+pytestmark = pytest.mark.usefixtures("outside_package")
 CONFIG = EncoderConfig(hidden=8, embedding=5, kind="interaction")
 PARAMS = encoder.init(jax.random.key(0), CONFIG, num_classes=3, num_slots=5)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def outside_package(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(OUTSIDE_PACKAGE)
-        patch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 def by_loops(params: encoder.EncoderParams, boxes: np.ndarray, there: list[int], pooled: list[int]) -> np.ndarray:

@@ -3,7 +3,6 @@
 import contextlib
 import io
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -16,8 +15,7 @@ import pytest
 from graphrl_jax import cli, pipeline
 from graphrl_jax.demonstrations import load
 
-REPOSITORY = Path(__file__).parents[1]
-OUTSIDE_PACKAGE = Path(__file__).parent / "outside_package"
+pytestmark = pytest.mark.usefixtures("outside_package")
 TRAIN = ["--task", "carry", "--preset", "smoke"]
 
 # Dies without a word as soon as the file named first has been written.
@@ -40,17 +38,6 @@ def call(main, *arguments: object) -> dict:
         main([str(argument) for argument in arguments])
     (line,) = printed.getvalue().splitlines()
     return json.loads(line)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def outside_package(tmp_path_factory):
-    """The package is found as if it had been installed; programs compiled once are shared with other processes."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(OUTSIDE_PACKAGE)
-        patch.setenv("PYTHONPATH", os.pathsep.join([str(REPOSITORY), str(OUTSIDE_PACKAGE)]))
-        patch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
-        patch.setenv("JAX_DISABLE_MOST_OPTIMIZATIONS", "1")
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -10,21 +10,20 @@ from pathlib import Path
 import jax
 import numpy as np
 import pytest
-from test_commands import OUTSIDE_PACKAGE, REPOSITORY, TRAIN
+from test_commands import TRAIN
 
 from graphrl_jax import devices
 
+pytestmark = pytest.mark.usefixtures("outside_package")
 RUN = "import sys; from graphrl_jax import cli; cli.train_main(sys.argv[1:])"
 SWEEP = "import sys; from graphrl_jax import cli; cli.main(sys.argv[1:])"
 
 
-def start(program: str, *arguments: object, number: int, cache: Path) -> subprocess.Popen:
+def start(program: str, *arguments: object, number: int) -> subprocess.Popen:
     """A process with so many CPU devices."""
     environment = {
         **os.environ,
-        "PYTHONPATH": os.pathsep.join([str(REPOSITORY), str(OUTSIDE_PACKAGE)]),
-        "JAX_COMPILATION_CACHE_DIR": str(cache),
-        "XLA_FLAGS": f"--xla_force_host_platform_device_count={number}",
+        "XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} --xla_force_host_platform_device_count={number}",
     }
     command = [sys.executable, "-c", program, *map(str, arguments)]
     return subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
@@ -50,33 +49,27 @@ def curve(run: Path) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def cache(tmp_path_factory) -> Path:
-    return tmp_path_factory.mktemp("cache")
-
-
-@pytest.fixture(scope="module")
-def alone(tmp_path_factory, cache) -> Path:
+def alone(outside_package, tmp_path_factory) -> Path:
     """A run on one device, with the environment's reward: nothing but PPO is spread out."""
     out = tmp_path_factory.mktemp("runs") / "alone"
-    finish(start(RUN, *TRAIN, "--reward", "env", "--out", out, number=1, cache=cache))
+    finish(start(RUN, *TRAIN, "--reward", "env", "--out", out, number=1))
     return out
 
 
-def test_eight_devices_give_the_numbers_of_one(tmp_path, cache, alone):
+def test_eight_devices_give_the_numbers_of_one(tmp_path, alone):
     out = tmp_path / "eight"
-    finish(start(RUN, *TRAIN, "--reward", "env", "--out", out, number=8, cache=cache))
+    finish(start(RUN, *TRAIN, "--reward", "env", "--out", out, number=8))
     np.testing.assert_allclose(curve(out), curve(alone), rtol=2e-3, atol=2e-3)
 
 
-def test_two_processes_give_the_numbers_of_one(tmp_path, cache, alone):
+def test_two_processes_give_the_numbers_of_one(tmp_path, alone):
     with socket.socket() as free:
         free.bind(("localhost", 0))
         address = f"localhost:{free.getsockname()[1]}"
     out = tmp_path / "two"
     together = ["--coordinator", address, "--processes", 2, "--process"]
     running = [
-        start(RUN, *TRAIN, "--reward", "env", "--out", out, *together, process, number=2, cache=cache)
-        for process in range(2)
+        start(RUN, *TRAIN, "--reward", "env", "--out", out, *together, process, number=2) for process in range(2)
     ]
     outcomes = [finish(process) for process in running]
     assert outcomes[0]["success_rate"] == outcomes[1]["success_rate"]
@@ -84,12 +77,12 @@ def test_two_processes_give_the_numbers_of_one(tmp_path, cache, alone):
         np.testing.assert_allclose(curve(run), curve(alone), rtol=2e-3, atol=2e-3)
 
 
-def test_a_sweep_spreads_its_members_over_devices(tmp_path, cache):
+def test_a_sweep_spreads_its_members_over_devices(tmp_path):
     runs = {}
     for number in (1, 8):
         out = tmp_path / str(number)
         values = ["--reward", "env", "--sweep", "ppo.learning_rate=1e-3,3e-3", "--seeds", 2]
-        finish(start(SWEEP, "sweep", *TRAIN, *values, "--out", out, number=number, cache=cache))
+        finish(start(SWEEP, "sweep", *TRAIN, *values, "--out", out, number=number))
         runs[number] = [curve(path.parent) for path in sorted(out.glob("*/metrics.jsonl"))]
     assert len(runs[1]) == len(runs[8]) == 4
     np.testing.assert_allclose(runs[8], runs[1], rtol=2e-3, atol=2e-3)

@@ -9,22 +9,15 @@ import numpy as np
 import pytest
 from probe_environments import Probe, ProbeReward
 from synthetic import demonstrations
-from test_commands import OUTSIDE_PACKAGE, call
+from test_commands import call
 
 from graphrl_jax import cli, ppo, pretrain, sweep, training
 from graphrl_jax.ppo_config import PPOConfig, PPOHyper
 from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.sweep_command import Sweep, swept_values
 
+pytestmark = pytest.mark.usefixtures("outside_package")
 SWEEP = ["sweep", "--task", "carry", "--preset", "smoke"]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def outside_package(tmp_path_factory):
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(OUTSIDE_PACKAGE)
-        patch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path_factory.mktemp("cache")))
-        yield
 
 
 def assert_close(one, other, tolerance: float) -> None:
