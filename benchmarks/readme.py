@@ -16,6 +16,8 @@ METHODS = {
     "graph": "graph reward, w/o robot",
     "graph_plain_distance": "graph reward, w/o robot, not evened (Eq. 3)",
     "graph_with_robot": "graph reward, w/ robot",
+    "graphirl": "GraphIRL, w/o robot",
+    "graphirl_with_robot": "GraphIRL, w/ robot",
     "human": "graph reward, w/o robot, from 15 human demonstrations (11 to learn from, 4 held out)",
 }
 

@@ -46,6 +46,8 @@ class Options:
 def on_every_variant(path: Path, task: variants.MatchRegions) -> dict[str, Any]:
     """Success and mean score of a run's policy on each variant, over the same unseen episodes as every other's."""
     trained_on, settings, reward, policy = load_run(Run(path))
+    if trained_on.objects != task.objects:
+        raise ValueError(f"{path} is of task {trained_on.name}; allowed: match_regions_<variant>")
     config, _ = pipeline.ppo_settings(trained_on, settings)
     wrapper = EnvironmentReward if settings.reward == "env" else GraphReward
 

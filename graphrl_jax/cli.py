@@ -208,7 +208,7 @@ def _run(action: Callable[[], None]) -> None:
 def train(request: Train) -> None:
     """A whole run; see `Train`."""
     started = time.perf_counter()
-    if request.coordinator is not None:
+    if request.coordinator is not None or request.processes > 1:
         request = _joined(request)
     compile_log = compilation.configure()
     run, settings = _resumed(request) if request.resume else _started(request)
@@ -219,7 +219,8 @@ def train(request: Train) -> None:
         reward_params: Any = np.float32(settings.pretrain.tau)
         if settings.reward != "env":
             demos = _demonstrations(run, task, settings)
-            if (run.path / "encoder.json").exists():
+            trained = (run.path / "encoder.json").exists()
+            if devices.agreed(trained, "whether the encoder is trained"):
                 numbers["encoder"] = runs.read_json(run.path / "encoder.json")
                 reward_params = _load_reward(run, settings, task)
             else:
@@ -252,11 +253,13 @@ def train(request: Train) -> None:
 
 def _joined(request: Train) -> Train:
     """Joins the other processes; the request with the folder of this one."""
-    devices.join(request.coordinator or "", request.processes, request.process)
+    for name in ("coordinator", "out"):
+        if getattr(request, name) is None:
+            raise ValueError(f"--{name} is missing; several processes need it")
+    assert request.coordinator is not None and request.out is not None
+    devices.join(request.coordinator, request.processes, request.process)
     if request.process == 0:
         return request
-    if request.out is None:
-        raise ValueError("--out is missing; processes above 0 keep their copy beside it")
     return replace(request, out=request.out.with_name(f"{request.out.name}.process_{request.process}"))
 
 

@@ -164,7 +164,7 @@ def concatenate(parts: Sequence[Demonstrations]) -> Demonstrations:
                 raise DemonstrationError(
                     f"{name} must be the same in all parts, got {getattr(first, name)!r} and {getattr(part, name)!r}"
                 )
-        for name in ("events", "kinds", "frames"):
+        for name in ("classes", "events", "kinds", "frames"):
             if (getattr(part, name) is None) != (getattr(first, name) is None):
                 raise DemonstrationError(f"{name} must be present in all parts or in none")
         if first.frames is not None and part.frames is not None and part.frames.shape[2:] != first.frames.shape[2:]:

@@ -27,11 +27,14 @@ def join(coordinator: str, processes: int, process: int) -> None:
       process: which one this is, from 0.
 
     Raises:
-      ValueError: there is no such process.
+      ValueError: there is no such process, or the others cannot be reached.
     """
     if not 0 <= process < processes:
         raise ValueError(f"--process is {process}; allowed: 0 to {processes - 1}")
-    jax.distributed.initialize(coordinator, processes, process)
+    try:
+        jax.distributed.initialize(coordinator, processes, process)
+    except RuntimeError as error:
+        raise ValueError(f"--coordinator {coordinator}: {error}") from error
 
 
 def mesh_for(members: int, num_envs: int) -> Mesh:
@@ -72,6 +75,29 @@ def of_train_state(mesh: Mesh, count: int) -> TrainState:
         key=whole,  # type: ignore[arg-type]
         updates=whole,  # type: ignore[arg-type]
     )
+
+
+def put(tree: Any, sharding: Any) -> Any:
+    """The tree with its leaves where `sharding` (one for all, or one per part) has them, also on other processes.
+
+    Every process has to hold the same values. Typed keys travel as their data.
+    """
+    data = jax.tree.map(lambda leaf: jax.random.key_data(leaf) if is_key(leaf) else leaf, tree)
+    placed = jax.device_put(data, sharding)
+    return jax.tree.map(lambda leaf, there: jax.random.wrap_key_data(there) if is_key(leaf) else there, tree, placed)
+
+
+def agreed(value: int, what: str) -> int:
+    """A number that all processes must have alike.
+
+    Raises:
+      ValueError: they do not; the message says `what` it is.
+    """
+    if jax.process_count() > 1:
+        values = np.ravel(multihost_utils.process_allgather(np.int32(value))).tolist()
+        if len(set(values)) > 1:
+            raise ValueError(f"{what} differs between processes: {values}; copy the first one's folder to the others")
+    return value
 
 
 def to_host(tree: Any) -> Any:

@@ -103,6 +103,9 @@ class Settings:
         for ablation in self.ablations:
             if ablation not in ABLATIONS:
                 raise ValueError(f"unknown ablation {ablation!r}; known ablations: {', '.join(ABLATIONS)}")
+        for ablation in self.ablations:
+            if self.reward == "env" or (self.reward.startswith("graphirl") and ablation != "persistence"):
+                raise ValueError(f"ablation {ablation!r} changes nothing about reward {self.reward!r}")
         if self.tcc_variant not in VARIANTS:
             raise ValueError(f"unknown variant of the TCC {self.tcc_variant!r}; known: {', '.join(VARIANTS)}")
         if self.updates is not None and self.updates < 1:

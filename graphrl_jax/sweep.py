@@ -5,9 +5,9 @@ without an axis of its own: a sweep of one is a single run, number for number. W
 they go in groups of one size, through the same compiled program.
 """
 
-import os
 from collections.abc import Callable, Sequence
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import jax
@@ -79,11 +79,15 @@ def policy_programs(config: PPOConfig, make_env: ppo.MakeEnv, count: int) -> tup
 
 
 def free_bytes() -> int:
-    """Memory of the device that is not taken."""
+    """Memory of the device that is not taken; where the system does not say, as good as all there could be."""
     statistics = jax.devices()[0].memory_stats() if jax.default_backend() != "cpu" else None
     if statistics:
         return statistics["bytes_limit"] - statistics["bytes_in_use"]
-    return os.sysconf("SC_AVPHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    try:
+        lines = Path("/proc/meminfo").read_text().splitlines()
+    except OSError:
+        return 1 << 40
+    return next(1024 * int(line.split()[1]) for line in lines if line.startswith("MemAvailable"))
 
 
 def fit(compile_for: Callable[[int], Any], members: int, budget: int | None = None) -> tuple[int, Any]:
@@ -97,6 +101,8 @@ def fit(compile_for: Callable[[int], Any], members: int, budget: int | None = No
     Returns:
       members per group, and the program.
     """
+    if members == 1:
+        return 1, compile_for(1)
     budget = int(_SHARE * free_bytes()) if budget is None else budget
     size = members
     while True:

@@ -1,11 +1,13 @@
 """`python -m graphrl_jax sweep`: floats times seeds, all encoders in one program and all policies in another.
 
-Every member gets a run folder as `train.py` would have made it, so that it can be evaluated, replayed and read alone;
-`sweep.json` and `figures/sweep.png` put them together. An interrupted sweep goes on with `--resume`.
+Every member gets a run folder that can be evaluated and read alone like one of `train.py`; what training needs to go on
+is kept for groups of members. `sweep.json` and `figures/sweep.png` put them together. An interrupted sweep goes on with
+`--resume`.
 """
 
 import itertools
 import json
+import math
 import shutil
 import time
 from collections.abc import Sequence
@@ -38,7 +40,7 @@ class Sweep:
     Attributes:
       out: Folder of the sweep; each member is a run folder in it.
       task: Registered task.
-      reward: graph, graph_with_robot, or env (then policies alone).
+      reward: graph, graph_with_robot, graphirl, graphirl_with_robot, or env (then policies alone).
       preset: smoke, cpu or gpu; chosen for the device if left out.
       demos: Demonstration file; the expert makes each seed's if none is given.
       alphas: Weights of objects that have moved, such as 1,2,4,8,16.
@@ -77,8 +79,7 @@ def sweep(request: Sweep) -> None:
     """See `Sweep`."""
     started = time.perf_counter()
     compile_log = compilation.configure()
-    if request.resume:
-        request = _resumed(request)
+    request = _resumed(request) if request.resume else replace(request, preset=request.preset or default_preset())
     task = make_task(request.task)
     members = planned(request, task)
     if request.demos is not None:
@@ -94,7 +95,7 @@ def sweep(request: Sweep) -> None:
         encoders = _encoders(members, task, progress) if learned else [{}] * len(members)
         outcomes = [{}] * len(members) if request.encoders_only else _policies(members, task, progress, request.out)
     rows = [
-        {"member": member.run.path.name, "seed": member.settings.seed, "swept": member.swept, **outcome, **encoder}
+        {**outcome, **encoder, "member": member.run.path.name, "seed": member.settings.seed, "swept": member.swept}
         for member, outcome, encoder in zip(members, outcomes, encoders, strict=True)
     ]
     report = {
@@ -141,7 +142,7 @@ def planned(request: Sweep, task: Task) -> list[Member]:
                 pretrain=replace(hyper, **changes["pretrain"]),
                 ppo=PPOHyper(**changes["ppo"]),
             )
-            parts = [f"{name.split('.')[1]}={value:g}" for name, value in swept.items()]
+            parts = [f"{name.split('.')[1]}={value:.12g}" for name, value in swept.items()]
             members.append(Member(swept, Run(request.out / ",".join([*parts, f"seed={seed}"])), settings))
     return members
 
@@ -151,21 +152,38 @@ def swept_values(request: Sweep) -> dict[str, tuple[float, ...]]:
     texts = list(request.sweep)
     if request.alphas is not None:
         texts.insert(0, f"pretrain.alpha={request.alphas}")
-    known = [f"{group}.{field.name}" for group, kind in _GROUPS.items() for field in fields(kind)]
+    known = [
+        name
+        for group, kind in _GROUPS.items()
+        for name in (f"{group}.{field.name}" for field in fields(kind))
+        if _matters(name, request.reward)
+    ]
     values: dict[str, tuple[float, ...]] = {}
     for text in texts:
         name, _, listed = text.partition("=")
         if name not in known:
-            raise ValueError(f"--sweep {text!r}: unknown field {name!r}; known fields: {', '.join(known)}")
+            raise ValueError(
+                f"--sweep {text!r}: no field {name!r} to sweep with reward {request.reward}; "
+                f"allowed: {', '.join(known)}"
+            )
         if name in values:
             raise ValueError(f"--sweep {text!r}: {name} is given twice")
         try:
             values[name] = tuple(float(value) for value in listed.split(","))
         except ValueError:
-            raise ValueError(f"--sweep {text!r}: {listed!r} is no list of numbers such as 0.1,1,10") from None
-        if len(set(values[name])) < len(values[name]):
+            values[name] = (math.nan,)
+        if not np.isfinite(values[name]).all():
+            raise ValueError(f"--sweep {text!r}: {listed!r} is no list of numbers such as 0.1,1,10")
+        if len({f"{value:.12g}" for value in values[name]}) < len(values[name]):
             raise ValueError(f"--sweep {text!r}: a value is given twice")
     return values
+
+
+def _matters(name: str, reward: str) -> bool:
+    """Whether a field changes anything: the learning rate decays over all updates, GraphIRL's mean is plain."""
+    if reward == "env" and name.startswith("pretrain."):
+        return name == "pretrain.tau"
+    return name != "ppo.decay_updates" and not (reward.startswith("graphirl") and name == "pretrain.alpha")
 
 
 def _encoders(members: Sequence[Member], task: Task, progress: Progress) -> list[dict[str, Any]]:

@@ -15,7 +15,7 @@ from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.progress import Progress
 from graphrl_jax.reward import RewardModel, fit_reward
-from graphrl_jax.runs import Run, load_tree, save_tree
+from graphrl_jax.runs import Run, RunError, load_tree, read_json, save_tree, write_json
 from graphrl_jax.settings import Settings
 from graphrl_jax.task import Task
 
@@ -60,6 +60,8 @@ def train_encoders(
     keys = [pipeline.stage_key(job.seed, pipeline.PRETRAIN) for job in jobs]
     states = [pretrain.init(config, data[0].objects, key) for key in keys]
     chunk = max(1, config.steps // 10)
+    for job in jobs:
+        job.run.forget_after("pretrain", "step", 0)
     started = time.perf_counter()
 
     def program_for(steps: int, count: int) -> Any:
@@ -79,7 +81,7 @@ def train_encoders(
             steps = min(chunk, config.steps - done)
             if steps not in programs:
                 programs[steps] = program_for(steps, size)
-            state, history = programs[steps](*jax.device_put((hyper, shown, state), lies))
+            state, history = programs[steps](*devices.put((hyper, shown, state), lies))
             means = sweep.unstack(jax.tree.map(lambda values: values.mean(-1), devices.to_host(history)), size)
             for i, record in _each_once(group, means):
                 numbers = {name: float(value) for name, value in record.items()}
@@ -153,7 +155,14 @@ def train_policies(
         return make_updates(updates).lower(hyper, reward, init.eval_shape(reward, key)).compile()
 
     chunk = min(sizes.updates_per_chunk, sizes.updates)
-    size, _ = sweep.fit(lambda count: program_for(chunk, count), len(jobs))
+    if folder is not None and (folder / "groups.json").exists():
+        size = read_json(folder / "groups.json")["size"]  # checkpoints are of such groups
+    else:
+        size, _ = sweep.fit(lambda count: program_for(chunk, count), len(jobs))
+    if folder is None:
+        _refuse_lost_checkpoint(jobs[0].run)
+    else:
+        write_json(folder / "groups.json", {"size": size})
     members = sweep.groups(range(len(jobs)), size)
     progress.begin("training the policy", sizes.updates * len(members))
     if len(jobs) > 1:
@@ -162,13 +171,14 @@ def train_policies(
     for number, group in enumerate(members):
         hyper, reward, key = (sweep.stack([part[i] for i in group]) for part in (hypers, rewards, keys))
         mesh = devices.mesh_for(size, config.num_envs)
-        hyper, reward = jax.device_put((hyper, reward), devices.per_member(mesh, size))
+        hyper, reward, key = devices.put((hyper, reward, key), devices.per_member(mesh, size))
         state = programs(size)[0](reward, key)
         alone = folder is None
         checkpoint = jobs[0].run.path / "train_state.npz" if alone else folder / f"policies_{number}.npz"
-        if checkpoint.exists():
-            state = jax.device_put(load_tree(checkpoint, state), devices.of_train_state(mesh, size))
-        done = int(np.ravel(devices.to_host(state.updates))[0])
+        kept = load_tree(checkpoint, state) if checkpoint.exists() else None
+        done = devices.agreed(0 if kept is None else int(np.ravel(kept.updates)[0]), "progress of the training")
+        if kept is not None:
+            state = devices.put(kept, devices.of_train_state(mesh, size))
         for i in set(group):
             jobs[i].run.forget_after("ppo", "update", done)
         progress.advance(done)
@@ -197,8 +207,21 @@ def train_policies(
         numbers = {"env_steps": done * config.steps_per_update, "train_steps_per_s": rate}
         for i, member in _each_once(group, sweep.unstack(devices.to_host(ppo.policy_params(state)), size)):
             plots.learning_curve(jobs[i].run.records("ppo"), jobs[i].run.figures / "learning_curve.png")
+            save_tree(jobs[i].run.path / "policy.npz", member)
             trained[i] = member, numbers
     return [trained[i] for i in range(len(jobs))]
+
+
+def _refuse_lost_checkpoint(run: Run) -> None:
+    """Training would begin anew and overwrite a policy, such as that of a sweep's member.
+
+    Raises:
+      RunError: the folder has a policy, but nothing to go on from.
+    """
+    if (run.path / "policy.npz").exists() and not (run.path / "train_state.npz").exists():
+        raise RunError(
+            f"{run.path} holds policy.npz, but no train_state.npz to go on from; a sweep is resumed as a whole"
+        )
 
 
 def _each_once(group: Sequence[int], members: Sequence[Any]) -> list[tuple[int, Any]]:

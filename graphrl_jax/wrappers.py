@@ -75,7 +75,8 @@ class EnvironmentReward(Wrapper):
 class GraphReward(EnvironmentReward):
     """Replaces the task's reward by the learned one, r = -(kappa ||phi(G) - g||)^exponent of the graph after the step.
 
-    Observation and `info` are those of `EnvironmentReward`, so the two settings differ in the reward alone.
+    Observation and `info` are those of `EnvironmentReward`, so the two settings differ in the reward alone; where
+    activity does not persist (an ablation), the policy sees it so as well.
     Metrics: `env_reward`, `graph_reward` and `distance` (||phi(G) - g||). A reset costs no encoding: its reward is 0.
 
     Args:

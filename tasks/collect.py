@@ -24,7 +24,7 @@ def collect(
       What `rollouts` handed over, and the kinds (successes + failures,), sorted.
 
     Raises:
-      RuntimeError: the expert fails so often that the wanted number is not reached in `max_batches` batches.
+      ValueError: the expert fails so often that the wanted number is not reached in `max_batches` batches.
     """
     wanted = np.array([0] * successes + [1 + i % failure_kinds for i in range(failures)])
     parts: list[tuple[Any, np.ndarray]] = []
@@ -39,7 +39,7 @@ def collect(
     episodes = jax.tree.map(lambda *leaves: np.concatenate(leaves), *(episodes for episodes, _ in parts))
     kinds = np.concatenate([kinds for _, kinds in parts])
     if _missing(wanted, kinds).size:
-        raise RuntimeError(f"the expert reached {len(kinds)} of {len(wanted)} demonstrations in {max_batches} batches")
+        raise ValueError(f"the expert reached {len(kinds)} of {len(wanted)} demonstrations in {max_batches} batches")
     chosen = np.concatenate([np.flatnonzero(kinds == kind)[: np.sum(wanted == kind)] for kind in np.unique(wanted)])
     return jax.tree.map(lambda leaf: leaf[chosen], episodes), kinds[chosen]
 

@@ -182,13 +182,13 @@ def test_motion_skips_frames_without_the_object_and_padding():
 
 def test_shown_frames_are_the_demonstrations_own_or_rearrangements_of_them():
     demos = demonstrations()
-    data = pretrain.prepare(demos)
-    shown = pretrain.shown_frames(pretrain.PretrainHyper(rearranged=0.0), data, jax.random.key(0), draws=2)
+    data, config = pretrain.prepare(demos), pretrain.PretrainConfig()
+    shown = pretrain.shown_frames(config, pretrain.PretrainHyper(rearranged=0.0), data, jax.random.key(0), draws=2)
     last = demos.lengths - 1
     frames = np.stack([0 * last, last // 2, last], axis=1)
     own = np.take_along_axis(demos.boxes, frames[..., None, None], axis=1).repeat(2, axis=0)
     np.testing.assert_array_equal(shown.boxes, own)
-    other = pretrain.shown_frames(pretrain.PretrainHyper(), data, jax.random.key(0), draws=2)
+    other = pretrain.shown_frames(config, pretrain.PretrainHyper(), data, jax.random.key(0), draws=2)
     block = demos.objects.names.index("block")
     np.testing.assert_allclose(other.boxes[:, 2, block], own[:, 2, block], atol=1e-6)
     assert not np.allclose(other.boxes, own) and other.active[:, 2, block].all()

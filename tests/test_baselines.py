@@ -116,6 +116,8 @@ def test_settings_say_what_is_left_out():
     assert Settings(tcc_variant="classification").pretraining.tcc_variant == "classification"
     with pytest.raises(ValueError, match="'robot'; known ablations: reconstruction, activity, persistence, edges"):
         Settings(ablations=("robot",))  # type: ignore[arg-type]
+    with pytest.raises(ValueError, match="ablation 'edges' changes nothing about reward 'graphirl'"):
+        Settings(reward="graphirl", ablations=("edges",))
     with pytest.raises(ValueError, match="variant of the TCC 'x'; known: regression_mse"):
         Settings(tcc_variant="x")  # type: ignore[arg-type]
 

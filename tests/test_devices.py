@@ -62,19 +62,30 @@ def test_eight_devices_give_the_numbers_of_one(tmp_path, alone):
     np.testing.assert_allclose(curve(out), curve(alone), rtol=2e-3, atol=2e-3)
 
 
-def test_two_processes_give_the_numbers_of_one(tmp_path, alone):
+def together(*arguments: object) -> list[dict]:
+    """The same command in two processes of two devices each."""
     with socket.socket() as free:
         free.bind(("localhost", 0))
         address = f"localhost:{free.getsockname()[1]}"
-    out = tmp_path / "two"
-    together = ["--coordinator", address, "--processes", 2, "--process"]
-    running = [
-        start(RUN, *TRAIN, "--reward", "env", "--out", out, *together, process, number=2) for process in range(2)
-    ]
-    outcomes = [finish(process) for process in running]
+    where = ["--coordinator", address, "--processes", 2, "--process"]
+    running = [start(RUN, *arguments, *where, process, number=2) for process in range(2)]
+    return [finish(process) for process in running]
+
+
+def test_two_processes_give_the_numbers_of_one(tmp_path, alone):
+    outcomes = together(*TRAIN, "--reward", "env", "--out", tmp_path / "two")
     assert outcomes[0]["success_rate"] == outcomes[1]["success_rate"]
-    for run in (out, tmp_path / "two.process_1"):
+    for run in (tmp_path / "two", tmp_path / "two.process_1"):
         np.testing.assert_allclose(curve(run), curve(alone), rtol=2e-3, atol=2e-3)
+
+
+def test_two_processes_learn_a_reward_together_and_go_on(tmp_path):
+    outcomes = together(*TRAIN, "--out", tmp_path / "two")
+    first, second = tmp_path / "two", tmp_path / "two.process_1"
+    np.testing.assert_allclose(curve(first), curve(second), rtol=1e-5)
+    assert (first / "encoder.npz").stat().st_size == (second / "encoder.npz").stat().st_size
+    again = together("--out", first, "--resume")
+    assert [row["mean_return"] for row in again] == [row["mean_return"] for row in outcomes]
 
 
 def test_a_sweep_spreads_its_members_over_devices(tmp_path):

@@ -89,11 +89,14 @@ def test_groups_are_of_one_size_and_hold_every_member():
     [
         (
             Sweep(Path("x"), sweep=("pretrain.alfa=1",)),
-            "unknown field 'pretrain.alfa'; known fields: pretrain.learning",
+            "no field 'pretrain.alfa' to sweep with reward graph; allowed: pretrain.learning",
         ),
         (Sweep(Path("x"), sweep=("ppo.clip=0.1,big",)), "'0.1,big' is no list of numbers"),
         (Sweep(Path("x"), alphas="1,2", sweep=("pretrain.alpha=4",)), "pretrain.alpha is given twice"),
         (Sweep(Path("x"), alphas="1,2,1"), "a value is given twice"),
+        (Sweep(Path("x"), alphas="1,nan"), "'1,nan' is no list of numbers"),
+        (Sweep(Path("x"), reward="env", alphas="1,2"), "no field 'pretrain.alpha' to sweep with reward env"),
+        (Sweep(Path("x"), sweep=("ppo.decay_updates=1,2",)), "no field 'ppo.decay_updates'"),
     ],
 )
 def test_bad_sweeps_are_one_sentence(request_, message):
@@ -118,6 +121,7 @@ def test_a_sweep_is_a_folder_of_runs(tmp_path, monkeypatch):
     call(cli.main, *SWEEP, *values, "--out", out)
     report = json.loads((out / "sweep.json").read_text())
     names = [row["member"] for row in report["members"]]
+    assert {row["seed"] for row in report["members"]} == {0, 1}
     assert len(set(names)) == 8 and "alpha=4,entropy_cost=0.02,seed=1" in names
     # Four encoders, two alphas times two seeds, serve eight policies; each stage is compiled once.
     assert compiled == [4, 8]
@@ -145,6 +149,10 @@ def test_a_sweep_is_a_folder_of_runs(tmp_path, monkeypatch):
     assert again["members"] == report["members"] and (member / "policy.npz").read_bytes() == kept
     with pytest.raises(SystemExit):
         call(cli.main, *SWEEP, *values, "--out", out)
+    # A member has nothing to go on from by itself, and is left alone.
+    with pytest.raises(SystemExit):
+        call(cli.train_main, "--resume", "--out", member)
+    assert (member / "policy.npz").read_bytes() == kept
 
 
 def test_a_sweep_in_groups_gives_the_same_numbers(tmp_path, monkeypatch):

@@ -181,12 +181,15 @@ class MatchRegions(Task):
         return self._changed(layout=layout)
 
     def _changed(self, **changes: Any) -> "MatchRegions":
+        if all(getattr(self, name) is value for name, value in changes.items()):
+            return self  # and what was compiled for it serves on
         other = copy.copy(self)
         vars(other).update(changes)
         return other
 
-    def picture_detector(self) -> Detector:
-        return magical.detector()
+    def picture_detector(self) -> Detector | None:
+        # It tells the Demo scene's objects apart, by that table's classes.
+        return magical.detector() if self.layout.fixed else None
 
     def demonstrate(self, key: jax.Array, successes: int, failures: int = 0) -> Demonstrations:
         from tasks.match_regions.expert import demonstrate

@@ -43,6 +43,10 @@ dragged about; both targets only set in motion; nothing touched. Bystanders and 
 activity for progress."""
 
 
+_KINDS_OF_TWO = [1 + FAILURES.index(name) for name in ("one_target", "touched")]
+_KINDS_OF_DISTRACTORS = [1 + FAILURES.index(name) for name in ("distractor_in", "bystander")]
+
+
 class Plan(NamedTuple):
     """What one episode sets out to do, and in which style.
 
@@ -269,9 +273,14 @@ def demonstrate(task: MatchRegions, key: jax.Array, successes: int, failures: in
     def run(key: jax.Array, kinds: np.ndarray) -> tuple[tuple[np.ndarray, Scene, np.ndarray], np.ndarray]:
         episodes = jax.tree.map(np.asarray, rollouts(task, key, jnp.asarray(kinds)))
         qpos, scene, _ = episodes
-        return episodes, np.asarray(jax.vmap(score)(qpos[:, -1], scene)) == 1.0
+        solved = np.asarray(jax.vmap(score)(qpos[:, -1], scene)) == 1.0
+        # A failure without the blocks it needs is none of its kind; counted as solved, it is dropped.
+        lacking = ~scene.present[:, 1] & np.isin(kinds, _KINDS_OF_TWO)
+        lacking |= ~scene.present[:, NUM_TARGETS:].any(1) & np.isin(kinds, _KINDS_OF_DISTRACTORS)
+        return episodes, solved | lacking
 
-    (qpos, scene, busy), kinds = collect(run, key, successes, failures, len(FAILURES), BATCH, MAX_BATCHES)
+    batches = max(MAX_BATCHES, 8 * (successes + failures) // BATCH)
+    (qpos, scene, busy), kinds = collect(run, key, successes, failures, len(FAILURES), BATCH, batches)
     return _as_demonstrations(task, qpos, scene, busy, kinds)
 
 

@@ -96,14 +96,14 @@ class Layout(Protocol):
         ...
 
 
-def demo_scene() -> Scene:
-    """The scene of MAGICAL's demonstrations, M = 5, on the host."""
+def demo_scene(blocks: int = 5) -> Scene:
+    """The scene of MAGICAL's demonstrations, on the host; slots beyond its five blocks are empty."""
     return Scene(
         region=np.array(REGION, np.float32),
         region_colour=np.int32(GREEN),
-        colours=np.array([GREEN, GREEN, BLUE, YELLOW, YELLOW], np.int32),
-        shapes=np.array([STAR, SQUARE, PENTAGON, CIRCLE, PENTAGON], np.int32),
-        present=np.ones(5, bool),
+        colours=np.resize(np.array([GREEN, GREEN, BLUE, YELLOW, YELLOW], np.int32), blocks),
+        shapes=np.resize(np.array([STAR, SQUARE, PENTAGON, CIRCLE, PENTAGON], np.int32), blocks),
+        present=np.arange(blocks) < 5,
         strengths=np.ones(5, np.float32),
     )  # type: ignore[arg-type]  # numpy arrays are as good as JAX's
 

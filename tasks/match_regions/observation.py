@@ -54,7 +54,8 @@ def observe(state: PhysicsState, targets_in_order: bool = True) -> jax.Array:
     targets = jnp.concatenate([per_block[:NUM_TARGETS], near, towards, state.initial_distance[:, None]], axis=-1)
     order = jnp.arange(NUM_TARGETS)
     if targets_in_order:
-        order = jnp.argsort(distance[:NUM_TARGETS] + _LAST * within[:NUM_TARGETS, 0])
+        absent = ~scene.present[:NUM_TARGETS]
+        order = jnp.argsort(distance[:NUM_TARGETS] + _LAST * (within[:NUM_TARGETS, 0] + absent))
     first = (order[:1] == 0).astype(jnp.float32)
     others = jnp.where(there, per_block, 0.0)[NUM_TARGETS:]
     nearest = jnp.argsort(jnp.where(scene.present, distance, _LAST)[NUM_TARGETS:])[:_DISTRACTORS]

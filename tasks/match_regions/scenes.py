@@ -1,4 +1,6 @@
-"""Scenes of Match Regions on which a learned reward is audited: blocks anywhere, around regions that the task draws."""
+"""Scenes of Match Regions on which a learned reward is audited: the Demo scene's blocks anywhere, around regions that
+the task draws. Also where a variant changes blocks, so that audits of all variants are of one kind.
+"""
 
 from functools import partial
 from typing import TYPE_CHECKING
@@ -26,7 +28,7 @@ _PLACED = np.array([[0.75, 0.29], [0.25, 0.79]], np.float32)
 def landscape(task: "MatchRegions", key: jax.Array) -> Landscape:
     """Grids of either target (the other at its start or placed), random layouts, finished against unfinished ones."""
     demo_key, random_key, pair_key, edge_key = jax.random.split(key, 4)
-    demo = task.layout.sample(demo_key)
+    demo = _sample(task, demo_key)
     random = jax.vmap(partial(_scattered, task))(jax.random.split(random_key, NUM_RANDOM))
     finished, unfinished = jax.jit(jax.vmap(partial(_pair, task)))(jax.random.split(pair_key, NUM_PAIRS))
     within, beside = jax.jit(jax.vmap(partial(_edge_pair, task)))(jax.random.split(edge_key, NUM_PAIRS))
@@ -44,6 +46,20 @@ def landscape(task: "MatchRegions", key: jax.Array) -> Landscape:
         beside_boxes=_boxes(task, beside),
         edge_active=_moved(task) | _slots(task, np.asarray(within.moved)),
     )
+
+
+def _sample(task: "MatchRegions", key: jax.Array) -> Start:
+    """A start of the task, with the Demo scene's blocks."""
+    start = task.layout.sample(key)
+    scene = layouts.demo_scene(task.layout.blocks)._replace(region=start.scene.region)
+    demo = layouts.Demo(jitter=0.0).sample(key)
+    if task.layout.fixed:
+        return start
+    # Blocks that a variant left out have no place yet.
+    known = blocks(start.qpos)[:5]
+    missing = jnp.any(jnp.abs(known[:, :2]) > 1.0, axis=-1, keepdims=True)
+    poses = blocks(start.qpos).at[:5].set(jnp.where(missing, blocks(demo.qpos), known))
+    return layouts.begin(jnp.concatenate([start.qpos[None, :3], poses]), jax.tree.map(jnp.asarray, scene))
 
 
 def _moved(task: "MatchRegions") -> np.ndarray:
@@ -74,7 +90,7 @@ def _within(scene: Scene, share: jax.Array | np.ndarray) -> jax.Array:
 def _scattered(task: "MatchRegions", key: jax.Array) -> Start:
     """Robot and blocks of one of the task's scenes anywhere."""
     scene_key, place_key = jax.random.split(key)
-    scene = task.layout.sample(scene_key).scene
+    scene = _sample(task, scene_key).scene
     return layouts.begin(layouts.scatter(place_key, scene.present), scene)
 
 
@@ -120,7 +136,7 @@ def _pair(task: "MatchRegions", key: jax.Array) -> tuple[Start, Start]:
     finished = _move(_move(start.qpos, 0, places[0]), 1, places[1])
     back = blocks(start.qpos)[:NUM_TARGETS, :2]
     # A random place that happens to lie inside would not be unfinished.
-    homes = task.layout.sample(start_key).homes
+    homes = _sample(task, start_key).homes
     homes = jnp.where(geometry.inside_region(start.scene.region, homes)[:, None], _beside(start.scene), homes)
     back = jnp.where(geometry.inside_region(start.scene.region, back)[:, None], homes, back)
     star = jax.random.bernoulli(order_key)
