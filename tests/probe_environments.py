@@ -110,6 +110,8 @@ class CountingModel:
     kappa: jax.Array
     tau: jax.Array
 
+    persistent = True
+
     def distance(self, graph) -> jax.Array:
         return graph.boxes[0, 0] + 10.0 * jnp.sum(graph.active)
 
