@@ -24,9 +24,9 @@ from benchmarks.context import measured_on
 from graphrl_jax.compilation import configure, jit_physics
 from graphrl_jax.runs import write_json
 from tasks.match_regions.env import MatchRegions
-from tasks.match_regions.layouts import demo_scene
+from tasks.match_regions.layouts import blocks, demo_scene
 from tasks.match_regions.model import CONTROL_DT, FAITHFUL, Physics
-from tasks.match_regions.state import PhysicsState, blocks, score
+from tasks.match_regions.state import PhysicsState, score
 
 RESULTS = Path("benchmarks/results")
 VARIANTS = {"default": Physics(), "faithful": FAITHFUL}

@@ -22,7 +22,7 @@ from graphrl_jax.cli import load_run
 from graphrl_jax.compilation import configure
 from graphrl_jax.evaluation import evaluate
 from graphrl_jax.runs import Run, read_json, write_atomically, write_json
-from graphrl_jax.wrappers import EnvironmentReward, GraphReward
+from graphrl_jax.wrappers import EnvironmentReward
 from tasks.match_regions import variants
 from tasks.match_regions.layouts import Scene
 from tasks.match_regions.render import draw_scene
@@ -49,7 +49,7 @@ def on_every_variant(path: Path, task: variants.MatchRegions) -> dict[str, Any]:
     if trained_on.objects != task.objects:
         raise ValueError(f"{path} is of task {trained_on.name}; allowed: match_regions_<variant>")
     config, _ = pipeline.ppo_settings(trained_on, settings)
-    wrapper = EnvironmentReward if settings.reward == "env" else GraphReward
+    wrapper = pipeline.wrapper_of(settings.reward)
 
     def make_env(params: tuple[variants.Variant, Any]) -> EnvironmentReward:
         variant, reward = params

@@ -23,7 +23,6 @@ from graphrl_jax.importers.convert import Source, demonstrations_of, track_recor
 from graphrl_jax.overlay import overlay
 from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.progress import Progress
-from graphrl_jax.reward import RewardModel
 from graphrl_jax.runs import Run, RunError
 from graphrl_jax.settings import Settings, default_preset
 from graphrl_jax.sweep_command import Sweep, sweep
@@ -216,13 +215,14 @@ def train(request: Train) -> None:
     numbers: dict[str, Any] = {}
     with Progress() as progress:
         progress.note(f"run directory: {run.path}")
-        reward_params: Any = np.float32(settings.pretrain.tau)
-        if settings.reward != "env":
+        if settings.reward == "env":
+            reward_params = pipeline.saved_reward(run, settings, task)
+        else:
             demos = _demonstrations(run, task, settings)
             trained = (run.path / "encoder.json").exists()
             if devices.agreed(trained, "whether the encoder is trained"):
                 numbers["encoder"] = runs.read_json(run.path / "encoder.json")
-                reward_params = _load_reward(run, settings, task)
+                reward_params = pipeline.saved_reward(run, settings, task)
             else:
                 reward_params, numbers["encoder"] = training.train_encoder(
                     run, demos, settings.pretraining, settings.pretrain, settings.seed, progress
@@ -312,7 +312,7 @@ def pretrain(request: Pretrain) -> None:
     task = make_task(demos.task)
     config = PretrainConfig(steps=request.steps)
     hyper = pipeline.pretrain_hyper(task, request.alpha, "graph_with_robot" if request.with_robot else "graph")
-    run = Run.create(request.out, {"command": "pretrain", "task": demos.task, **_plain(asdict(request))})
+    run = Run.create(request.out, {"command": "pretrain", "task": demos.task, **runs.plain(asdict(request))})
     with Progress() as progress:
         model, numbers = training.train_encoder(run, demos, config, hyper, request.seed, progress)
         numbers |= pipeline.audit_reward(run, task, model, demos, request.seed)
@@ -345,7 +345,10 @@ def find_stages(request: Stages) -> None:
             f"--demos {request.demos}: objects are {demos.objects.names}, but the run's {task.objects.names}"
         )
     trained = run.config.get("command") == "train"
-    model = _load_reward(run, _settings(run), task) if trained else pipeline.load_reward(run, EncoderConfig(), task)
+    if trained:
+        model = pipeline.saved_reward(run, _settings(run), task)
+    else:
+        model = pipeline.load_reward(run, EncoderConfig(), task)
     found = pipeline.demonstration_stages(model, demos, request.method)
     out = request.out or run.path / "stages.json"
     runs.write_json(out, {"demos": str(request.demos), "method": request.method, **found})
@@ -361,16 +364,8 @@ def load_run(run: Run) -> tuple[Task, Settings, Any, Any]:
     """Task, settings, reward parameters and policy of a finished run's directory."""
     settings = _settings(run)
     task = make_task(settings.task)
-    reward_params: Any = np.float32(settings.pretrain.tau)
-    if settings.reward != "env":
-        reward_params = _load_reward(run, settings, task)
+    reward_params = pipeline.saved_reward(run, settings, task)
     return task, settings, reward_params, pipeline.load_policy(run, task, settings, reward_params)
-
-
-def _load_reward(run: Run, settings: Settings, task: Task) -> RewardModel:
-    """The reward of a run of `train`."""
-    config = settings.pretraining
-    return pipeline.load_reward(run, config.encoder, task, config.persistent)
 
 
 def _started(request: Train) -> tuple[Run, Settings]:
@@ -447,7 +442,3 @@ def _show_policy(
         run.figures / "reward_on_rollouts.png",
         f"Reward ({settings.reward}) on the policy's own episodes",
     )
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}

@@ -53,7 +53,7 @@ def mesh_for(members: int, num_envs: int) -> Mesh:
 
 def per_member(mesh: Mesh, count: int) -> NamedSharding:
     """Of arrays with a leading member axis if `count` is above 1; else every device has all of it."""
-    return NamedSharding(mesh, PartitionSpec(MEMBERS) if count > 1 else PartitionSpec())
+    return NamedSharding(mesh, PartitionSpec(MEMBERS)) if count > 1 else everywhere(mesh)
 
 
 def everywhere(mesh: Mesh) -> NamedSharding:

@@ -1,6 +1,6 @@
 """The stages of a run, each a function of what came before: demonstrations -> encoder -> reward -> policy -> numbers.
 
-Here live the side effects between the pure programs: files, progress, checkpoints. `train.py` strings them together.
+Training itself is in `training.py`; here is what comes before and after it. `train.py` strings them together.
 """
 
 from collections.abc import Callable, Sequence
@@ -173,13 +173,26 @@ def load_reward(run: Run, config: EncoderConfig, task: Task, persistent: bool = 
     return load_tree(run.path / "encoder.npz", jax.eval_shape(template))
 
 
+def saved_reward(run: Run, settings: Settings, task: Task) -> Any:
+    """The reward parameters of a run of `train`: those it saved, or tau for `env`; see `load_reward` for errors."""
+    if settings.reward == "env":
+        return np.float32(settings.pretrain.tau)
+    config = settings.pretraining
+    return load_reward(run, config.encoder, task, config.persistent)
+
+
+def wrapper_of(reward: str) -> type[EnvironmentReward]:
+    """What pays a reward: a wrapper around the task that takes the reward's parameters."""
+    return EnvironmentReward if reward == "env" else GraphReward
+
+
 @cache
 def environment_of(task: Task, reward: str) -> Callable[[Any], Any]:
     """The function from reward parameters to an environment; parameters are a `RewardModel`, or tau for `env`.
 
     One and the same function for a task and reward: compiled programs are known by it.
     """
-    wrapper = EnvironmentReward if reward == "env" else GraphReward
+    wrapper = wrapper_of(reward)
     return lambda reward_params: wrapper(task, reward_params)
 
 

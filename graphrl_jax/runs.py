@@ -176,6 +176,11 @@ class Run:
         write_atomically(path, lambda temporary: temporary.write_text("".join(kept)))
 
 
+def plain(values: dict[str, Any]) -> dict[str, Any]:
+    """Values of a request as JSON knows them: paths become texts."""
+    return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
+
+
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that decide the numbers."""
     packages = ("jax", "jaxlib", "brax", "mujoco", "mujoco-mjx", "numpy", "graphrl_jax")

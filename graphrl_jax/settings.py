@@ -103,7 +103,6 @@ class Settings:
         for ablation in self.ablations:
             if ablation not in ABLATIONS:
                 raise ValueError(f"unknown ablation {ablation!r}; known ablations: {', '.join(ABLATIONS)}")
-        for ablation in self.ablations:
             if self.reward == "env" or (self.reward.startswith("graphirl") and ablation != "persistence"):
                 raise ValueError(f"ablation {ablation!r} changes nothing about reward {self.reward!r}")
         if self.tcc_variant not in VARIANTS:

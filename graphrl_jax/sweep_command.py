@@ -79,13 +79,16 @@ def sweep(request: Sweep) -> None:
     """See `Sweep`."""
     started = time.perf_counter()
     compile_log = compilation.configure()
-    request = _resumed(request) if request.resume else replace(request, preset=request.preset or default_preset())
+    if request.resume:
+        request = _resumed(request)
     task = make_task(request.task)
     members = planned(request, task)
     if request.demos is not None:
         demonstrations.load(request.demos)
     if not request.resume:
-        Run.create(request.out, {"command": "sweep", "version": runs.VERSION, **_plain(request)})
+        # Resumed on another device, it keeps the sizes it began with.
+        kept = runs.plain(asdict(request) | {"preset": members[0].settings.preset})
+        Run.create(request.out, {"command": "sweep", "version": runs.VERSION, **kept})
     for member in members:
         if not member.run.path.exists():
             config = {"command": "train", "version": runs.VERSION, **asdict(member.settings)}
@@ -231,12 +234,7 @@ def _policies(members: Sequence[Member], task: Task, progress: Progress, folder:
     summaries = [member.run.path / "summary.json" for member in members]
     if all(path.exists() for path in summaries):
         return [runs.read_json(path) for path in summaries]
-    rewards: list[Any] = [
-        np.float32(m.settings.pretrain.tau)
-        if m.settings.reward == "env"
-        else pipeline.load_reward(m.run, m.settings.pretraining.encoder, task)
-        for m in members
-    ]
+    rewards = [pipeline.saved_reward(m.run, m.settings, task) for m in members]
     jobs = [PolicyJob(m.run, m.settings, reward) for m, reward in zip(members, rewards, strict=True)]
     trained = train_policies(jobs, task, progress, folder if len(jobs) > 1 else None)
     progress.note("evaluating")
@@ -263,10 +261,6 @@ def _resumed(request: Sweep) -> Sweep:
     config = {name: value for name, value in config.items() if name not in ("command", "version")}
     demos = None if config["demos"] is None else Path(config["demos"])
     return Sweep(**{**config, "out": request.out, "demos": demos, "sweep": tuple(config["sweep"]), "resume": True})
-
-
-def _plain(request: Sweep) -> dict[str, Any]:
-    return {name: str(value) if isinstance(value, Path) else value for name, value in asdict(request).items()}
 
 
 def _print(rows: Sequence[dict[str, Any]]) -> None:

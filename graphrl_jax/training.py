@@ -76,12 +76,13 @@ def train_encoders(
     if len(jobs) > 1:
         progress.note(f"{len(jobs)} encoders, {size} side by side")
     for group in members:
-        hyper, shown, state = (sweep.stack([part[i] for i in group]) for part in (hypers, data, states))
+        stacked = tuple(sweep.stack([part[i] for i in group]) for part in (hypers, data, states))
+        hyper, shown, state = devices.put(stacked, lies)
         for done in range(0, config.steps, chunk):
             steps = min(chunk, config.steps - done)
             if steps not in programs:
                 programs[steps] = program_for(steps, size)
-            state, history = programs[steps](*devices.put((hyper, shown, state), lies))
+            state, history = programs[steps](hyper, shown, state)
             means = sweep.unstack(jax.tree.map(lambda values: values.mean(-1), devices.to_host(history)), size)
             for i, record in _each_once(group, means):
                 numbers = {name: float(value) for name, value in record.items()}
@@ -168,17 +169,19 @@ def train_policies(
     if len(jobs) > 1:
         progress.note(f"{len(jobs)} policies, {size} side by side")
     trained: dict[int, tuple[Any, dict[str, Any]]] = {}
+    mesh = devices.mesh_for(size, config.num_envs)
     for number, group in enumerate(members):
-        hyper, reward, key = (sweep.stack([part[i] for i in group]) for part in (hypers, rewards, keys))
-        mesh = devices.mesh_for(size, config.num_envs)
-        hyper, reward, key = devices.put((hyper, reward, key), devices.per_member(mesh, size))
+        stacked = tuple(sweep.stack([part[i] for i in group]) for part in (hypers, rewards, keys))
+        hyper, reward, key = devices.put(stacked, devices.per_member(mesh, size))
         state = programs(size)[0](reward, key)
-        alone = folder is None
-        checkpoint = jobs[0].run.path / "train_state.npz" if alone else folder / f"policies_{number}.npz"
+        checkpoint = jobs[0].run.path / "train_state.npz" if folder is None else folder / f"policies_{number}.npz"
+        policies: dict[int, Any] = {}
         kept = load_tree(checkpoint, state) if checkpoint.exists() else None
         done = devices.agreed(0 if kept is None else int(np.ravel(kept.updates)[0]), "progress of the training")
         if kept is not None:
             state = devices.put(kept, devices.of_train_state(mesh, size))
+            # An interruption may have come between the checkpoint and these.
+            policies = _save_policies(jobs, group, kept)
         for i in set(group):
             jobs[i].run.forget_after("ppo", "update", done)
         progress.advance(done)
@@ -197,19 +200,26 @@ def train_policies(
             for i, record in _each_once(group, records):
                 jobs[i].run.log({"stage": "ppo", "update": done, "env_steps": done * config.steps_per_update,
                                  "steps_per_s": steps_per_s, **{k: float(v) for k, v in record.items()}})  # fmt: skip
-            save_tree(checkpoint, devices.to_host(state))
-            for i, member in _each_once(group, sweep.unstack(devices.to_host(ppo.policy_params(state)), size)):
-                save_tree(jobs[i].run.path / "policy.npz", member)
+            on_host = devices.to_host(state)
+            save_tree(checkpoint, on_host)
+            policies = _save_policies(jobs, group, on_host)
             shown = [name for name in ("success", "score", "reward") if name in records[0]]
             means = {name: float(np.nanmean([record[name] for record in records])) for name in shown}
             progress.advance(count, **{"steps/s": steps_per_s}, **means)
         rate = size * timed * config.steps_per_update / seconds if seconds else None
         numbers = {"env_steps": done * config.steps_per_update, "train_steps_per_s": rate}
-        for i, member in _each_once(group, sweep.unstack(devices.to_host(ppo.policy_params(state)), size)):
+        for i, policy in policies.items():
             plots.learning_curve(jobs[i].run.records("ppo"), jobs[i].run.figures / "learning_curve.png")
-            save_tree(jobs[i].run.path / "policy.npz", member)
-            trained[i] = member, numbers
+            trained[i] = policy, numbers
     return [trained[i] for i in range(len(jobs))]
+
+
+def _save_policies(jobs: Sequence[PolicyJob], group: Sequence[int], state: ppo.TrainState) -> dict[int, Any]:
+    """Writes `policy.npz` for every job of a group whose state is on the host; the policies by job."""
+    policies = dict(_each_once(group, sweep.unstack(ppo.policy_params(state), len(group))))
+    for i, policy in policies.items():
+        save_tree(jobs[i].run.path / "policy.npz", policy)
+    return policies
 
 
 def _refuse_lost_checkpoint(run: Run) -> None:

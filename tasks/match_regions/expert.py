@@ -17,11 +17,11 @@ from graphrl_jax.demonstrations import Demonstrations, reached_for_good
 from tasks.collect import collect
 from tasks.match_regions import geometry
 from tasks.match_regions.env import MatchRegions
-from tasks.match_regions.layouts import NUM_TARGETS, Scene
+from tasks.match_regions.layouts import NUM_TARGETS, Scene, blocks
 from tasks.match_regions.model import CONTROL_DT
 from tasks.match_regions.objects import class_ids
 from tasks.match_regions.observation import TURN_RATE
-from tasks.match_regions.state import PhysicsState, blocks, placed_targets, score
+from tasks.match_regions.state import PhysicsState, placed_targets, score
 
 APPROACH, FACE, ADVANCE, GRIP, DRAG, RELEASE, BACK_OFF = range(7)
 STANDOFF = 0.58

@@ -113,6 +113,11 @@ def pack(robot: jax.Array, fingers: jax.Array, blocks: jax.Array) -> jax.Array:
     return jnp.concatenate([robot, fingers, blocks.ravel()])
 
 
+def blocks(qpos: jax.Array) -> jax.Array:
+    """Poses x, y, theta of the blocks in `qpos` (5 + 3M,): (M, 3)."""
+    return qpos[5:].reshape(-1, 3)
+
+
 def open_fingers() -> jax.Array:
     """Angles of both fingers, open: (2,)."""
     return jnp.array([FINGER_OPEN, -FINGER_OPEN], jnp.float32)
@@ -202,7 +207,7 @@ class Training:
             key, 8
         )
         start = self.base.sample(base_key)
-        scene, blocks = start.scene, start.qpos[5:].reshape(-1, 3)
+        scene, poses = start.scene, blocks(start.qpos)
         scattered = scatter(random_key, scene.present)
         count = jnp.sum(scene.present[:NUM_TARGETS])
         in_focus = jnp.arange(NUM_TARGETS) == jax.random.randint(focus_key, (), 0, count)
@@ -214,10 +219,10 @@ class Training:
         anywhere = scattered[1 : 1 + NUM_TARGETS]
         replaced = jnp.where(in_focus[:, None], anywhere, anywhere.at[:, :2].set(placed))
         replacing = jnp.where(in_focus, focus_anywhere, other_placed) & scene.present[:NUM_TARGETS]
-        targets = jnp.where(replacing[:, None], replaced, blocks[:NUM_TARGETS])
+        targets = jnp.where(replacing[:, None], replaced, poses[:NUM_TARGETS])
         beside = jnp.where(in_focus[0] == at_focus, targets[0], targets[1])
         robot, opening = _approach(robot_key, scattered[0], beside)
-        varied = pack(robot, opening * open_fingers(), blocks.at[:NUM_TARGETS].set(targets))
+        varied = pack(robot, opening * open_fingers(), poses.at[:NUM_TARGETS].set(targets))
         chosen = jax.random.uniform(share_key) < self.varied
         # A target that starts in its place counts as brought there from where the layout had it.
         inside = geometry.inside_region(scene.region, targets[:, :2])
@@ -229,13 +234,13 @@ class Training:
 def _bump(key: jax.Array, start: Start, share: float) -> Start:
     """With probability `share`, distractors shifted a little, each with equal chances; they count as moved."""
     episode_key, block_key, shift_key = jax.random.split(key, 3)
-    blocks, present = start.qpos[5:].reshape(-1, 3), start.scene.present
+    poses, present = blocks(start.qpos), start.scene.present
     bumped = jax.random.bernoulli(episode_key, share) & jax.random.bernoulli(block_key, shape=present.shape)
     bumped = bumped & present & (jnp.arange(present.shape[0]) >= NUM_TARGETS)
     shift = _BUMP * jax.random.normal(shift_key, (present.shape[0], 2))
-    places = jnp.clip(blocks[:, :2] + shift, -BLOCK_REACH, BLOCK_REACH)
-    blocks = blocks.at[:, :2].set(jnp.where(bumped[:, None], places, blocks[:, :2]))
-    qpos = jnp.concatenate([start.qpos[:5], blocks.ravel()])
+    places = jnp.clip(poses[:, :2] + shift, -BLOCK_REACH, BLOCK_REACH)
+    poses = poses.at[:, :2].set(jnp.where(bumped[:, None], places, poses[:, :2]))
+    qpos = pack(start.qpos[:3], start.qpos[3:5], poses)
     return start._replace(qpos=qpos, moved=start.moved | bumped)
 
 

@@ -28,8 +28,8 @@ BLOCK_REACH = ARENA_HALF - BLOCK_SIZE
 CONTROL_DT = 0.125
 """Seconds per control step: MAGICAL runs at 8 Hz."""
 MAGICAL_SUBSTEPS = 10
-FRICTION_PER_AXIS = math.pi / 4
-"""Dry friction acts per axis; this makes its mean over all directions of motion MAGICAL's limit."""
+# Dry friction acts per axis; this makes its mean over all directions of motion MAGICAL's limit.
+_FRICTION_PER_AXIS = math.pi / 4
 # A finger's inertia about its hinge, which is also where MAGICAL has its centre of mass.
 _FINGER_INERTIA = 0.005
 
@@ -106,7 +106,7 @@ def _block_names(blocks: int) -> list[str]:
 
 def _block(name: str, physics: Physics) -> str:
     # The damping ends the creep that one solver iteration leaves in the dry friction.
-    friction = physics.block_friction_force * FRICTION_PER_AXIS
+    friction = physics.block_friction_force * _FRICTION_PER_AXIS
     inertia = 0.5 * BLOCK_MASS * BLOCK_SIZE**2
     return f"""
   <body name="{name}">

@@ -19,9 +19,9 @@ import jax
 import jax.numpy as jnp
 
 from tasks.match_regions import geometry
-from tasks.match_regions.layouts import NUM_TARGETS
+from tasks.match_regions.layouts import NUM_TARGETS, blocks
 from tasks.match_regions.model import FINGER_OPEN
-from tasks.match_regions.state import PhysicsState, blocks, inside
+from tasks.match_regions.state import PhysicsState, inside
 
 SIZE = 59
 TURN_RATE = 2.5

@@ -6,8 +6,8 @@ import jax
 import jax.numpy as jnp
 
 from tasks.match_regions import geometry
-from tasks.match_regions.layouts import NUM_TARGETS
-from tasks.match_regions.state import PhysicsState, blocks, grasp_point, inside, placed_targets
+from tasks.match_regions.layouts import NUM_TARGETS, blocks
+from tasks.match_regions.state import PhysicsState, grasp_point, inside, placed_targets
 
 REACH_PER_TARGET = 1.5
 

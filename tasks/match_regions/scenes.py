@@ -11,8 +11,7 @@ import numpy as np
 
 from graphrl_jax.landscape import Grid, Landscape
 from tasks.match_regions import geometry, layouts
-from tasks.match_regions.layouts import NUM_TARGETS, Scene, Start
-from tasks.match_regions.state import blocks
+from tasks.match_regions.layouts import NUM_TARGETS, Scene, Start, blocks
 
 if TYPE_CHECKING:
     from tasks.match_regions.env import MatchRegions
@@ -51,14 +50,13 @@ def landscape(task: "MatchRegions", key: jax.Array) -> Landscape:
 def _sample(task: "MatchRegions", key: jax.Array) -> Start:
     """A start of the task, with the Demo scene's blocks."""
     start = task.layout.sample(key)
-    scene = layouts.demo_scene(task.layout.blocks)._replace(region=start.scene.region)
-    demo = layouts.Demo(jitter=0.0).sample(key)
     if task.layout.fixed:
         return start
+    scene = layouts.demo_scene(task.layout.blocks)._replace(region=start.scene.region)
     # Blocks that a variant left out have no place yet.
     known = blocks(start.qpos)[:5]
     missing = jnp.any(jnp.abs(known[:, :2]) > 1.0, axis=-1, keepdims=True)
-    poses = blocks(start.qpos).at[:5].set(jnp.where(missing, blocks(demo.qpos), known))
+    poses = blocks(start.qpos).at[:5].set(jnp.where(missing, layouts.BLOCK_STARTS, known))
     return layouts.begin(jnp.concatenate([start.qpos[None, :3], poses]), jax.tree.map(jnp.asarray, scene))
 
 

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from tasks.match_regions import geometry
-from tasks.match_regions.layouts import NUM_TARGETS, Scene
+from tasks.match_regions.layouts import NUM_TARGETS, Scene, blocks
 
 GRASP_REACH = 0.32
 
@@ -29,11 +29,6 @@ class PhysicsState(NamedTuple):
     warmstart: jax.Array
     initial_distance: jax.Array
     scene: Scene
-
-
-def blocks(qpos: jax.Array) -> jax.Array:
-    """Poses x, y, theta of the blocks in `qpos` (5 + 3M,): (M, 3)."""
-    return qpos[5:].reshape(-1, 3)
 
 
 def inside(qpos: jax.Array, scene: Scene) -> jax.Array:
