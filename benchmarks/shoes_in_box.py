@@ -24,7 +24,7 @@ from graphrl_jax import pipeline, training
 from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.discrimination import discrimination
-from graphrl_jax.pretrain import PretrainConfig
+from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.progress import Progress
 from graphrl_jax.reward import RewardModel, demonstration_rewards
 from graphrl_jax.runs import Run, RunError, read_json, write_json
@@ -85,23 +85,31 @@ def claim(out: Path, began: dict[str, Any]) -> None:
     write_json(out / "config.json", began)
 
 
-def kept_demonstrations(task: ShoesInBox, path: Path, seed: int, successes: int, failures: int) -> Demonstrations:
+def kept_demonstrations(
+    task: ShoesInBox, path: Path, seed: int, successes: int, failures: int, picture_size: int | None = None
+) -> Demonstrations:
     """Demonstrations of a seed, made once."""
     if not path.exists():
         key = pipeline.stage_key(seed, pipeline.DEMONSTRATIONS)
-        task.demonstrate(key, successes, failures).save(path)
+        task.demonstrate(key, successes, failures, picture_size).save(path)
     return demonstration_files.load(path)
 
 
-def trained(task: ShoesInBox, demos: Demonstrations, name: str, seed: int, steps: int, out: Path) -> RewardModel:
+def trained(
+    task: ShoesInBox,
+    demos: Demonstrations,
+    name: str,
+    seed: int,
+    config: PretrainConfig,
+    hyper: PretrainHyper,
+    out: Path,
+) -> RewardModel:
     """The reward of one encoder, trained once."""
-    config = PretrainConfig(steps=steps)
     path = out / f"{name}_{seed}"
     if not (path / "encoder.npz").exists():
         shutil.rmtree(path, ignore_errors=True)  # left by an interrupted training
         run = Run.create(path, {"command": "benchmark", "task": task.name, "reward": name, "seed": seed})
         with Progress() as progress:
-            hyper = replace(task.pretraining, **REWARDS[name])
             training.train_encoder(run, demos, config, hyper, seed, progress)
     return pipeline.load_reward(Run(path), config.encoder, task)
 
@@ -168,7 +176,8 @@ def main() -> None:
     rows = []
     for name in REWARDS:
         for seed in range(sizes.seeds):
-            model = trained(task, demos, name, seed, sizes.steps, out)
+            hyper = replace(task.pretraining, **REWARDS[name])
+            model = trained(task, demos, name, seed, PretrainConfig(steps=sizes.steps), hyper, out)
             rows.append({"reward": name, "seed": seed, "exponent": float(model.exponent), **judge(model, unseen)})
             print(name, seed, {cut: rows[-1][cut]["rho"] for cut in ("demonstrations", "whole_episodes")})
             if (name, seed) == ("graph", 0):

@@ -39,8 +39,8 @@ class Train:
 
     Attributes:
       task: Registered task.
-      reward: graph (robot left out of the pooling), graph_with_robot, graphirl or graphirl_with_robot (a baseline), or
-        env (the task's own reward).
+      reward: graph (robot left out of the pooling), graph_with_robot, a baseline (graphirl, graphirl_with_robot, or
+        xirl, which sees pictures), or env (the task's own reward).
       preset: smoke, cpu or gpu; chosen for the device if left out.
       demos: Demonstration file; the expert makes them if none is given.
       alpha: Weight of objects that have moved (Eq. 1).
@@ -48,6 +48,7 @@ class Train:
       ablate: What of the method to leave out: reconstruction, activity (alpha 1), persistence, edges.
       tcc: Variant of the soft TCC: regression_mse, regression_mse_var, regression_huber or classification.
       updates: Policy updates; the preset's number if left out.
+      encoder_steps: Steps of pretraining; the preset's number if left out.
       out: Folder of the run; runs/TASK_REWARD_SEED if left out.
       resume: Continue the run in --out from its last checkpoint; its own settings are used.
       coordinator: Address and port of the first of several processes that train together, such as localhost:12345.
@@ -64,6 +65,7 @@ class Train:
     ablate: tuple[str, ...] = ()
     tcc: str = "regression_mse"
     updates: int | None = None
+    encoder_steps: int | None = None
     out: Path | None = None
     resume: bool = False
     coordinator: str | None = None
@@ -80,6 +82,7 @@ class MakeDemos:
       task: Registered task.
       num: Successful demonstrations.
       failures: Deliberate failures, of every kind in turn.
+      pictures: Keep every frame's picture, so many pixels square; for encoders of pictures.
       seed: Everything random follows from it.
     """
 
@@ -87,6 +90,7 @@ class MakeDemos:
     task: str = "match_regions"
     num: int = 64
     failures: int = 0
+    pictures: int | None = None
     seed: int = 0
 
 
@@ -267,10 +271,12 @@ def make_demos(request: MakeDemos) -> None:
     """See `MakeDemos`."""
     compilation.configure()
     _refuse_existing(request.out)
-    for name, least in (("num", 1), ("failures", 0)):
-        if getattr(request, name) < least:
-            raise ValueError(f"--{name} is {getattr(request, name)}; allowed: {least} or more")
-    made = make_task(request.task).demonstrate(jax.random.key(request.seed), request.num, request.failures)
+    for name, least in (("num", 1), ("failures", 0), ("pictures", 1)):
+        value = getattr(request, name)
+        if value is not None and value < least:
+            raise ValueError(f"--{name} is {value}; allowed: {least} or more")
+    drawn = {} if request.pictures is None else {"picture_size": request.pictures}
+    made = make_task(request.task).demonstrate(jax.random.key(request.seed), request.num, request.failures, **drawn)
     made.save(request.out)
     print(json.dumps({"out": str(request.out), "demonstrations": len(made), "successes": int(made.success.sum())}))
 
@@ -370,7 +376,8 @@ def load_run(run: Run) -> tuple[Task, Settings, Any, Any]:
 
 def _started(request: Train) -> tuple[Run, Settings]:
     """A new run and its settings, validated before anything is written."""
-    hyper = pipeline.pretrain_hyper(make_task(request.task), request.alpha, request.reward, request.ablate)
+    task = make_task(request.task)
+    hyper = pipeline.pretrain_hyper(task, request.alpha, request.reward, request.ablate)
     settings = Settings(
         task=request.task,
         reward=request.reward,
@@ -378,12 +385,14 @@ def _started(request: Train) -> tuple[Run, Settings]:
         seed=request.seed,
         demos=None if request.demos is None else str(request.demos),
         updates=request.updates,
+        encoder_steps=request.encoder_steps,
         pretrain=hyper,
         ablations=request.ablate,
         tcc_variant=request.tcc,
     )
+    pipeline.refuse_undrawn(task, settings.reward)
     if settings.demos is not None:
-        demonstrations.load(settings.demos)
+        pipeline.given_demonstrations(task, settings)
     out = request.out or Path("runs") / f"{settings.task}_{settings.reward}_{settings.seed}"
     return Run.create(out, {"command": "train", "version": runs.VERSION, **asdict(settings)}), settings
 

@@ -83,6 +83,19 @@ class Demonstrations:
             return self.classes
         return np.tile(np.array(self.objects.class_ids, np.int32), (len(self), 1))
 
+    def pictures(self, size: int) -> np.ndarray:
+        """The pictures, (B, T, size, size, 3) uint8.
+
+        Raises:
+          DemonstrationError: there are none, or they are of another size.
+        """
+        if self.frames is None or self.frames.shape[2:4] != (size, size):
+            found = (
+                "none" if self.frames is None else f"those of {self.frames.shape[2]} x {self.frames.shape[3]} pixels"
+            )
+            raise DemonstrationError(f"frames must be pictures of {size} x {size} pixels, got {found}")
+        return self.frames
+
     def select(self, indices: Sequence[int] | np.ndarray) -> "Demonstrations":
         """The demonstrations at `indices`, in that order; a boolean array of shape (B,) selects where it is True."""
         indices = np.asarray(indices)

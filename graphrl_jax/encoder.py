@@ -13,10 +13,11 @@ import jax
 import jax.numpy as jnp
 from jax.typing import ArrayLike
 
-from graphrl_jax import interaction, layers
+from graphrl_jax import interaction, layers, pixels
 from graphrl_jax.graph import BOX_FEATURES, Graph, ObjectTable, clear_masked_slots, edge_features, sequence_graphs
+from graphrl_jax.pixels import PixelConfig
 
-Kind = Literal["message_passing", "interaction"]
+Kind = Literal["message_passing", "interaction", "pixels"]
 KINDS: tuple[str, ...] = get_args(Kind)
 EDGE_FEATURES = 3
 # Places and offsets differ by about a fifth of the image; at unit size the network learns the edge of a region instead
@@ -24,6 +25,8 @@ EDGE_FEATURES = 3
 INPUT_SCALE = 5.0
 
 EncoderParams = dict[str, Any]
+Seen = Graph | jax.Array
+"""What an encoder looks at: a graph, or a picture (H, W, 3) where its kind is `pixels`."""
 
 
 @dataclass(frozen=True)
@@ -37,7 +40,9 @@ class EncoderConfig:
     | embedding   | D, size of the graph embedding                                   |
     | head_layers | hidden layers of the head; 0 makes it linear                     |
     | kind        | `interaction` is GraphIRL's encoder (`interaction.py`): one round, no head |
+    |             | `pixels` is XIRL's (`pixels.py`): pictures, none of these sizes but D |
     | edges       | offsets and distances on the edges; False is an ablation         |
+    | pixels      | sizes of XIRL's network                                          |
 
     Raises:
       ValueError: a size is too small or the kind unknown; the message names it.
@@ -49,6 +54,7 @@ class EncoderConfig:
     head_layers: int = 1
     kind: Kind = "message_passing"
     edges: bool = True
+    pixels: PixelConfig = PixelConfig()
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -56,6 +62,11 @@ class EncoderConfig:
         for field, least in (("num_layers", 0), ("hidden", 1), ("embedding", 1), ("head_layers", 0)):
             if getattr(self, field) < least:
                 raise ValueError(f"EncoderConfig.{field} must be at least {least}, got {getattr(self, field)}")
+
+    @property
+    def picture_size(self) -> int | None:
+        """Pixels along the edge of the pictures it looks at; None if it looks at graphs."""
+        return self.pixels.size if self.kind == "pixels" else None
 
 
 def init(key: jax.Array, config: EncoderConfig, num_classes: int, num_slots: int | None = None) -> EncoderParams:
@@ -67,6 +78,8 @@ def init(key: jax.Array, config: EncoderConfig, num_classes: int, num_slots: int
         if num_slots is None:
             raise ValueError("an encoder of kind 'interaction' needs num_slots, got None")
         return interaction.init(key, config.hidden, config.embedding, num_slots)
+    if config.kind == "pixels":
+        return pixels.init(key, config.pixels, config.embedding)
     input_key, head_key, *layer_keys = jax.random.split(key, 2 + config.num_layers)
     head_sizes = [config.hidden] * (1 + config.head_layers) + [config.embedding]
     return {
@@ -177,13 +190,18 @@ def head(params: EncoderParams, pooled: jax.Array) -> jax.Array:
 
 def encode(
     params: EncoderParams,
-    graph: Graph,
+    seen: Seen,
     alpha: ArrayLike,
     suppress_robot: ArrayLike,
     robot_messages: ArrayLike = 1.0,
 ) -> jax.Array:
-    """phi(G), the embedding of one graph: (D,) float32. Arguments as in `pooling_weights` and `encode_nodes`."""
-    return head(params, pool(encode_nodes(params, graph, robot_messages), graph, alpha, suppress_robot))
+    """phi(G), the embedding of one graph: (D,) float32. Arguments as in `pooling_weights` and `encode_nodes`.
+
+    XIRL's encoder gets a picture instead, and has no use for the weights.
+    """
+    if not isinstance(seen, Graph):
+        return pixels.encode(params, seen)
+    return head(params, pool(encode_nodes(params, seen, robot_messages), seen, alpha, suppress_robot))
 
 
 def encode_sequence(

@@ -7,7 +7,8 @@ it fall across the goal's edge, does it pay for bumping bystanders, and do succe
 and known exploits? True distances and regions are used for judging only; no reward ever sees them.
 """
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -18,6 +19,25 @@ from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.graph import ObjectTable, build_graph
 from graphrl_jax.reward import RewardModel, demonstration_rewards
 
+Picture = Callable[[Any], jax.Array]
+"""Draws a physics state: (H, W, 3)."""
+
+
+@dataclass(frozen=True)
+class Scenes:
+    """Some scenes, shape (...).
+
+    | field  | shape       | meaning                                                                    |
+    |--------|-------------|----------------------------------------------------------------------------|
+    | boxes  | (..., N, 4) |                                                                            |
+    | active | (..., N)    | bool, which slots count as moved; fewer axes if all scenes agree           |
+    | states | (..., )     | physics states, for rewards of pictures; None where the task draws none    |
+    """
+
+    boxes: np.ndarray
+    active: np.ndarray
+    states: Any = None
+
 
 @dataclass(frozen=True)
 class Grid:
@@ -26,8 +46,7 @@ class Grid:
     | field        | shape        | meaning                                              |
     |--------------|--------------|------------------------------------------------------|
     | name         |              | what is moved, and where the rest is                 |
-    | boxes        | (Y, X, N, 4) | the scenes                                           |
-    | active       | (N,)         | bool, which slots count as moved                     |
+    | scenes       | (Y, X)       | `Scenes`                                             |
     | x, y         | (X,), (Y,)   | places of the object's centre, the task's units      |
     | inside       | (Y, X)       | bool, whether that place is inside the goal          |
     | goal_outline | (V, 2)       | corners of the goal                                  |
@@ -35,8 +54,7 @@ class Grid:
     """
 
     name: str
-    boxes: np.ndarray
-    active: np.ndarray
+    scenes: Scenes
     x: np.ndarray
     y: np.ndarray
     inside: np.ndarray
@@ -53,29 +71,23 @@ class Landscape:
     | objects         |              | the node slots                                                    |
     | mask            | (N,)         | bool, filled slots, the same in every scene                       |
     | grids           |              | tuple of `Grid`                                                   |
-    | random_boxes    | (M, N, 4)    | scenes never demonstrated                                         |
-    | random_active   | (M, N)       | bool                                                              |
+    | random          | (M,)         | `Scenes` never demonstrated                                       |
     | random_distance | (M,)         | true summed distance of the targets to the goal, 0 once inside    |
-    | finished_boxes  | (K, N, 4)    | scenes in which the task is done; `unfinished_boxes` (K, N, 4) are |
-    |                 |              | the same scenes with at least one target outside                  |
-    | pair_active     | (N,)         | bool, for both of these                                           |
-    | within_boxes    | (J, N, 4)    | scenes with a target some way inside the goal; `beside_boxes`     |
-    |                 |              | (J, N, 4) are the same scenes with it just outside                |
-    | edge_active     | (J, N)       | bool, for both of these                                           |
+    | finished        | (K,)         | `Scenes` in which the task is done                                |
+    | unfinished      | (K,)         | the same with at least one target outside                         |
+    | within          | (J,)         | `Scenes` with a target some way inside the goal                   |
+    | beside          | (J,)         | the same with it just outside                                     |
     """
 
     objects: ObjectTable
     mask: np.ndarray
     grids: tuple[Grid, ...]
-    random_boxes: np.ndarray
-    random_active: np.ndarray
+    random: Scenes
     random_distance: np.ndarray
-    finished_boxes: np.ndarray
-    unfinished_boxes: np.ndarray
-    pair_active: np.ndarray
-    within_boxes: np.ndarray
-    beside_boxes: np.ndarray
-    edge_active: np.ndarray
+    finished: Scenes
+    unfinished: Scenes
+    within: Scenes
+    beside: Scenes
 
 
 @dataclass(frozen=True)
@@ -125,24 +137,30 @@ class LandscapeReport:
         }
 
 
-def audit(model: RewardModel, landscape: Landscape) -> LandscapeReport:
-    """Evaluates the reward on all scenes of a landscape."""
+def audit(model: RewardModel, landscape: Landscape, picture: Picture | None = None) -> LandscapeReport:
+    """Evaluates the reward on all scenes of a landscape.
 
-    def rewards(boxes: np.ndarray, active: np.ndarray) -> np.ndarray:
-        flat = boxes.reshape(-1, *boxes.shape[-2:])
-        flags = np.broadcast_to(active, flat.shape[:2])
-        return np.asarray(_scene_rewards(landscape.objects, model, flat, landscape.mask, flags)).reshape(
-            boxes.shape[:-2]
-        )
+    Args:
+      model: the reward.
+      landscape: the scenes.
+      picture: draws a physics state, for a reward of pictures; others are shown graphs.
+    """
 
-    grids = tuple(_grid_report(grid, rewards(grid.boxes, grid.active)) for grid in landscape.grids)
-    finished = rewards(landscape.finished_boxes, landscape.pair_active)
-    unfinished = rewards(landscape.unfinished_boxes, landscape.pair_active)
-    within = rewards(landscape.within_boxes, landscape.edge_active)
-    beside = rewards(landscape.beside_boxes, landscape.edge_active)
-    random = rewards(landscape.random_boxes, landscape.random_active)
+    def rewards(scenes: Scenes) -> np.ndarray:
+        shape = scenes.boxes.shape[:-2]
+        if picture is not None:
+            states = jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[len(shape) :]), scenes.states)
+            return np.asarray(_drawn_rewards(picture, model, states)).reshape(shape)
+        flat = scenes.boxes.reshape(-1, *scenes.boxes.shape[-2:])
+        flags = np.broadcast_to(scenes.active, (*shape, flat.shape[1])).reshape(flat.shape[:2])
+        return np.asarray(_scene_rewards(landscape.objects, model, flat, landscape.mask, flags)).reshape(shape)
+
+    grids = tuple(_grid_report(grid, rewards(grid.scenes)) for grid in landscape.grids)
+    finished, unfinished = rewards(landscape.finished), rewards(landscape.unfinished)
+    within, beside = rewards(landscape.within), rewards(landscape.beside)
+    random = rewards(landscape.random)
     movable = ~np.array(landscape.objects.is_fixture) & ~np.array(landscape.objects.is_robot)
-    bumped = rewards(landscape.random_boxes, landscape.random_active | movable)
+    bumped = rewards(replace(landscape.random, active=landscape.random.active | movable))
     return LandscapeReport(
         grids=grids,
         pair_accuracy=pair_accuracy(random, -landscape.random_distance),
@@ -208,6 +226,11 @@ def _grid_report(grid: Grid, values: np.ndarray) -> GridReport:
     maximum = np.array([grid.x[column], grid.y[row]])
     inside = bool(grid.inside[row, column])
     return GridReport(grid.name, values, grid.x, grid.y, grid.goal_outline, grid.start, maximum, inside)
+
+
+@partial(jax.jit, static_argnames="picture")
+def _drawn_rewards(picture: Picture, model: RewardModel, states: Any) -> jax.Array:
+    return jax.lax.map(lambda state: model.apply(picture(state)), states, batch_size=64)
 
 
 @partial(jax.jit, static_argnames="objects")

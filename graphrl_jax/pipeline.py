@@ -20,14 +20,14 @@ from graphrl_jax.encoder import EncoderConfig
 from graphrl_jax.encoder import init as init_encoder
 from graphrl_jax.evaluation import evaluate
 from graphrl_jax.evaluators import cycle_consistency, kendall_tau, value_order_correlation
-from graphrl_jax.landscape import Landscape, audit, trajectory_scores
+from graphrl_jax.landscape import Landscape, Picture, audit, trajectory_scores
 from graphrl_jax.ppo_config import PPOConfig, PPOHyper
 from graphrl_jax.pretrain import PretrainHyper
 from graphrl_jax.reward import RewardModel, demonstration_embeddings, demonstration_rewards
 from graphrl_jax.runs import Run, load_tree, write_json
 from graphrl_jax.settings import Settings
 from graphrl_jax.task import Task
-from graphrl_jax.wrappers import EnvironmentReward, GraphReward
+from graphrl_jax.wrappers import EnvironmentReward, GraphReward, PixelReward
 
 # One key per use, folded into the run's seed, so that a stage's randomness does not depend on which stages ran.
 DEMONSTRATIONS, PRETRAIN, LANDSCAPE, POLICY, _EVALUATION, RECORDING, GOAL = range(7)
@@ -48,16 +48,30 @@ def make_demonstrations(task: Task, settings: Settings) -> Demonstrations:
     """The demonstrations of a run: a file's if one is given, else the expert's, with failures for the audit.
 
     Raises:
-      DemonstrationError: the file is no demonstration file, or one of another task.
+      DemonstrationError: see `given_demonstrations`.
     """
-    if settings.demos is None:
-        count = settings.sizes.demonstrations
-        return task.demonstrate(stage_key(settings.seed, DEMONSTRATIONS), count, count // 4)
+    if settings.demos is not None:
+        return given_demonstrations(task, settings)
+    count, size = settings.sizes.demonstrations, settings.pretraining.encoder.picture_size
+    drawn = {} if size is None else {"picture_size": size}
+    return task.demonstrate(stage_key(settings.seed, DEMONSTRATIONS), count, count // 4, **drawn)
+
+
+def given_demonstrations(task: Task, settings: Settings) -> Demonstrations:
+    """The demonstrations of the file in `settings.demos`.
+
+    Raises:
+      DemonstrationError: the file is no demonstration file, one of another task, or without the pictures needed.
+    """
+    assert settings.demos is not None
     loaded = demonstration_files.load(settings.demos)
     if loaded.objects != task.objects:
         raise demonstration_files.DemonstrationError(
             f"{settings.demos}: objects are {loaded.objects.names}, but task {task.name} has {task.objects.names}"
         )
+    size = settings.pretraining.encoder.picture_size
+    if size is not None:
+        loaded.pictures(size)
     return loaded
 
 
@@ -92,6 +106,21 @@ def audit_scenes(task: Task, seed: int) -> Landscape:
     return task.landscape(stage_key(seed, LANDSCAPE))
 
 
+def refuse_undrawn(task: Task, reward: str) -> None:
+    """Says early that a policy cannot be trained on pixels of a task that no program can draw.
+
+    Raises:
+      ValueError: the reward is `xirl`, and the task has no `picture`.
+    """
+    if reward == "xirl":
+        jax.eval_shape(lambda key: task.picture(task.reset(key).pipeline_state, 8), jax.random.key(0))
+
+
+def picture_of(task: Task, model: RewardModel) -> Picture | None:
+    """What draws a state for a reward of pictures; None for one of graphs."""
+    return None if model.picture_size is None else partial(task.picture, size=model.picture_size)
+
+
 def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demonstrations, seed: int) -> dict[str, Any]:
     """Audits the reward away from the demonstrations it was learned from, draws it, and finds stages of held-out ones.
 
@@ -99,7 +128,7 @@ def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demon
       the audit's numbers; how the reward tells successes from failures, if there are any; how well stages of held-out
       successes meet their true events, if they have them.
     """
-    report = audit(model, audit_scenes(task, seed))
+    report = audit(model, audit_scenes(task, seed), picture_of(task, model))
     plots.landscape(report, run.figures / "landscape.png")
     held_out = demonstrations.successes().split(0.75, seed)[1]
     rewards = np.asarray(demonstration_rewards(model, held_out))
@@ -168,7 +197,8 @@ def load_reward(run: Run, config: EncoderConfig, task: Task, persistent: bool = 
     def template() -> RewardModel:
         zero = jnp.zeros((), jnp.float32)
         params = init_encoder(jax.random.key(0), config, task.objects.num_classes, task.objects.num_slots)
-        return RewardModel(params, jnp.zeros(config.embedding, jnp.float32), *[zero] * 6, persistent)
+        goal = jnp.zeros(config.embedding, jnp.float32)
+        return RewardModel(params, goal, *[zero] * 6, persistent, config.picture_size)
 
     return load_tree(run.path / "encoder.npz", jax.eval_shape(template))
 
@@ -183,7 +213,7 @@ def saved_reward(run: Run, settings: Settings, task: Task) -> Any:
 
 def wrapper_of(reward: str) -> type[EnvironmentReward]:
     """What pays a reward: a wrapper around the task that takes the reward's parameters."""
-    return EnvironmentReward if reward == "env" else GraphReward
+    return {"env": EnvironmentReward, "xirl": PixelReward}.get(reward, GraphReward)
 
 
 @cache

@@ -19,7 +19,7 @@ from jax.typing import ArrayLike
 from graphrl_jax import decoder, encoder, tcc
 from graphrl_jax.augment import Motion, motion, rearrange
 from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.encoder import EncoderConfig
+from graphrl_jax.encoder import EncoderConfig, Seen
 from graphrl_jax.graph import Graph, ObjectTable, build_graph, update_activity
 from graphrl_jax.optimizer import AdamState, adam_init, adam_update, clip_by_global_norm, warmup_cosine
 
@@ -113,12 +113,16 @@ class PretrainHyper:
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class PretrainData:
-    """Demonstrations on the device; fields as in `Demonstrations`, class_ids (B, N). `objects` is static."""
+    """Demonstrations on the device; fields as in `Demonstrations`, class_ids (B, N). `objects` is static.
+
+    `frames` (B, T, H, W, 3) uint8 are there for an encoder of pictures alone.
+    """
 
     boxes: jax.Array
     mask: jax.Array
     lengths: jax.Array
     class_ids: jax.Array
+    frames: jax.Array | None
     objects: ObjectTable = field(metadata={"static": True})
 
 
@@ -139,27 +143,27 @@ class PretrainState:
     key: jax.Array
 
 
-def prepare(demonstrations: Demonstrations) -> PretrainData:
-    """Demonstrations as arrays on the device.
+def prepare(demonstrations: Demonstrations, picture_size: int | None = None) -> PretrainData:
+    """Demonstrations as arrays on the device, with their pictures if an encoder is to see those.
 
     Raises:
-      ValueError: fewer than two demonstrations; the TCC needs pairs.
+      ValueError: fewer than two demonstrations (the TCC needs pairs), or no pictures of `picture_size` pixels.
     """
     if len(demonstrations) < 2:
         raise ValueError(f"pretraining needs at least 2 demonstrations, got {len(demonstrations)}")
     demos = demonstrations
     arrays = map(jnp.asarray, (demos.boxes, demos.mask, demos.lengths, demos.class_ids()))
-    return PretrainData(*arrays, objects=demos.objects)
+    frames = None if picture_size is None else jnp.asarray(demos.pictures(picture_size))
+    return PretrainData(*arrays, frames, objects=demos.objects)
 
 
 def init(config: PretrainConfig, objects: ObjectTable, key: jax.Array) -> PretrainState:
-    """The state before the first step, for graphs of these objects."""
+    """The state before the first step, for graphs of these objects; an encoder of pictures has no decoder."""
     encoder_key, decoder_key, run_key = jax.random.split(key, 3)
     node_size = config.encoder.embedding if config.encoder.kind == "interaction" else config.encoder.hidden
-    params = {
-        "encoder": encoder.init(encoder_key, config.encoder, objects.num_classes, objects.num_slots),
-        "decoder": decoder.init(decoder_key, node_size, objects.num_classes, config.decode_from),
-    }
+    params = {"encoder": encoder.init(encoder_key, config.encoder, objects.num_classes, objects.num_slots)}
+    if config.encoder.kind != "pixels":
+        params["decoder"] = decoder.init(decoder_key, node_size, objects.num_classes, config.decode_from)
     return PretrainState(params, adam_init(params), run_key)
 
 
@@ -188,14 +192,14 @@ def sample_frames(key: jax.Array, length: ArrayLike, num_total: int, num_frames:
 
 def _sample_batch(
     config: PretrainConfig, hyper: PretrainHyper, data: PretrainData, motions: Motion, key: jax.Array
-) -> tuple[Graph, jax.Array, jax.Array]:
-    """Graphs (b, F, ...), frame mask (b, F) and times (b, F) of b demonstrations with F frames each."""
+) -> tuple[Seen, jax.Array, jax.Array]:
+    """What is seen (b, F, ...), frame mask (b, F) and times (b, F) of b demonstrations with F frames each."""
     demonstration_key, frame_key = jax.random.split(key)
     num_demonstrations, num_total = data.mask.shape[:2]
     size = min(config.batch_size, num_demonstrations)
     chosen = jax.random.permutation(demonstration_key, num_demonstrations)[:size]
 
-    def sample(demonstration: jax.Array, key: jax.Array) -> tuple[Graph, jax.Array, jax.Array]:
+    def sample(demonstration: jax.Array, key: jax.Array) -> tuple[Seen, jax.Array, jax.Array]:
         length = data.lengths[demonstration]
         frame_key, show_key = jax.random.split(key)
         frames, mask = sample_frames(frame_key, length, num_total, config.num_frames)
@@ -213,8 +217,12 @@ def _show(
     demonstration: jax.Array,
     frames: jax.Array,
     key: jax.Array,
-) -> Graph:
-    """Graphs (F, ...) of some frames (F,) of one demonstration as training sees it, rearranged or as it was."""
+) -> Seen:
+    """Graphs (F, ...) of some frames (F,) of one demonstration as training sees it, rearranged or as it was; pictures
+    are always as they were, since who looks at pixels knows of no objects to rearrange.
+    """
+    if data.frames is not None:
+        return data.frames[demonstration, frames]
     choice_key, rearrange_key = jax.random.split(key)
     moves = jax.tree.map(lambda leaf: leaf[demonstration], motions)
     choice = jax.random.bernoulli(choice_key, hyper.rearranged)
@@ -239,17 +247,17 @@ def _show(
 @partial(jax.jit, static_argnames=("config", "draws"))
 def shown_frames(
     config: PretrainConfig, hyper: PretrainHyper, data: PretrainData, key: jax.Array, draws: int = 16
-) -> Graph:
+) -> Seen:
     """First, middle and last frames as training sees them, `draws` times of every demonstration.
 
     Returns:
-      Graphs (B draws, 3, ...) for `fit_reward`.
+      Graphs or pictures (B draws, 3, ...) for `fit_reward`.
     """
     chosen = jnp.repeat(jnp.arange(data.lengths.shape[0]), draws)
     keys = jax.random.split(key, chosen.shape[0])
     motions = _motions(hyper, data)
 
-    def show(demonstration: jax.Array, key: jax.Array) -> Graph:
+    def show(demonstration: jax.Array, key: jax.Array) -> Seen:
         last = data.lengths[demonstration] - 1
         return _show(config, hyper, data, motions, demonstration, jnp.stack([0 * last, last // 2, last]), key)
 
@@ -265,20 +273,22 @@ def _loss(
     params: dict[str, Any],
     config: PretrainConfig,
     hyper: PretrainHyper,
-    graphs: Graph,
+    seen: Seen,
     frame_mask: jax.Array,
     times: jax.Array,
 ) -> tuple[jax.Array, Metrics]:
-    """Weighted sum of TCC and reconstruction over a batch (b, F), and its parts."""
+    """Weighted sum of TCC and reconstruction over a batch (b, F), and its parts; from pictures nothing is decoded."""
 
-    def embed_and_decode(graph: Graph) -> tuple[jax.Array, jax.Array, jax.Array]:
+    def embed_and_decode(graph: Seen) -> tuple[jax.Array, ArrayLike, ArrayLike]:
+        if not isinstance(graph, Graph):
+            return encoder.encode(params["encoder"], graph, 1.0, 0.0), 0.0, 0.0
         nodes = encoder.encode_nodes(params["encoder"], graph, hyper.robot_messages)
         pooled = encoder.pool(nodes, graph, hyper.alpha, hyper.suppress_robot)
         boxes, logits = decoder.apply(params["decoder"], nodes, pooled, graph, config.decode_from)
         embedding = encoder.head(params["encoder"], pooled)
         return embedding, decoder.box_loss(boxes, graph), decoder.class_loss(logits, graph)
 
-    embeddings, box_losses, class_losses = jax.vmap(jax.vmap(embed_and_decode))(graphs)
+    embeddings, box_losses, class_losses = jax.vmap(jax.vmap(embed_and_decode))(seen)
     weights = frame_mask.astype(jnp.float32) / jnp.sum(frame_mask)
     parts = {
         "tcc": tcc.tcc_loss(embeddings, frame_mask, times, hyper.temperature, config.tcc_variant),

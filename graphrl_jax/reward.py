@@ -14,9 +14,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from graphrl_jax import pixels
 from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.encoder import EncoderParams, encode, encode_sequence
-from graphrl_jax.graph import Graph, ObjectTable, safe_norm
+from graphrl_jax.encoder import EncoderParams, Seen, encode, encode_sequence
+from graphrl_jax.graph import ObjectTable, safe_norm
 
 MOST_EVENED = 3.0
 """Fitted exponents lie between this and its inverse."""
@@ -38,6 +39,7 @@ class RewardModel:
     | tau            | ()    | float32 | activity threshold per frame, in box diagonals           |
     | robot_messages | ()    | float32 | weight of the robot among a node's senders               |
     | persistent     |       | bool    | static: what has moved stays active                      |
+    | picture_size   |       | int     | static: pixels along the edge of what it looks at; None: graphs |
     """
 
     params: EncoderParams
@@ -49,18 +51,19 @@ class RewardModel:
     tau: jax.Array
     robot_messages: jax.Array
     persistent: bool = field(default=True, metadata={"static": True})
+    picture_size: int | None = field(default=None, metadata={"static": True})
 
-    def embed(self, graph: Graph) -> jax.Array:
-        """phi(G) of one graph: (D,)."""
-        return encode(self.params, graph, self.alpha, self.suppress_robot, self.robot_messages)
+    def embed(self, seen: Seen) -> jax.Array:
+        """phi(G) of one graph, or of one picture: (D,)."""
+        return encode(self.params, seen, self.alpha, self.suppress_robot, self.robot_messages)
 
-    def distance(self, graph: Graph) -> jax.Array:
+    def distance(self, seen: Seen) -> jax.Array:
         """||phi(G) - g||_2 of one graph, a scalar, without kappa."""
-        return safe_norm(self.embed(graph) - self.goal)
+        return safe_norm(self.embed(seen) - self.goal)
 
-    def apply(self, graph: Graph) -> jax.Array:
+    def apply(self, seen: Seen) -> jax.Array:
         """Eq. 3 with XIRL's scale, evened: the reward -(kappa ||phi(G) - g||_2)^exponent of one graph, a scalar."""
-        return self.value(self.distance(graph))
+        return self.value(self.distance(seen))
 
     def value(self, distance: jax.Array) -> jax.Array:
         """The reward at a distance; any shape. Its gradient at distance 0 is 0, not infinite."""
@@ -74,10 +77,11 @@ def fit_reward(
     alpha: ArrayLike,
     suppress_robot: ArrayLike,
     tau: ArrayLike,
-    shown: Graph | None = None,
+    shown: Seen | None = None,
     even: ArrayLike = 0.0,
     robot_messages: ArrayLike = 1.0,
     persistent: bool = True,
+    picture_size: int | None = None,
 ) -> RewardModel:
     """Goal, scale and exponent from successful demonstrations.
 
@@ -95,6 +99,7 @@ def fit_reward(
         at 1, which is Eq. 3. So does an encoder whose middle frames are no nearer to the goal.
       robot_messages: see `encoder.encode_nodes`.
       persistent: see `graph.update_activity`.
+      picture_size: of the pictures that the encoder looks at, instead of graphs.
 
     Raises:
       ValueError: a demonstration is a failure, or the first frames coincide with the goal.
@@ -106,13 +111,13 @@ def fit_reward(
             "failures; pass demonstrations.successes()"
         )
     weights = (alpha, suppress_robot, tau, robot_messages)
-    embeddings = embed_demonstrations(params, demonstrations, *weights, persistent)
+    embeddings = embed_demonstrations(params, demonstrations, *weights, persistent, picture_size)
     if shown is None:
         last = demonstrations.lengths - 1
         frames = np.stack([np.zeros_like(last), last // 2, last], axis=1)
         seen = jnp.take_along_axis(embeddings, frames[..., None], axis=1)
     else:
-        seen = _embed_graphs(params, shown, alpha, suppress_robot, robot_messages)
+        seen = _embed_all(params, shown, alpha, suppress_robot, robot_messages)
     goal = jnp.mean(seen[:, 2], axis=0)
     start_distance = jnp.mean(safe_norm(embeddings[:, 0] - goal))
     if not start_distance > 0:
@@ -121,7 +126,7 @@ def fit_reward(
         )
     exponent = 1.0 + even * (_halving_exponent(safe_norm(seen - goal)) - 1.0)
     scalars = (1 / start_distance, exponent, alpha, suppress_robot, tau, robot_messages)
-    return RewardModel(params, goal, *(jnp.asarray(value, jnp.float32) for value in scalars), persistent)
+    return RewardModel(params, goal, *(jnp.asarray(value, jnp.float32) for value in scalars), persistent, picture_size)
 
 
 def _halving_exponent(distances: jax.Array) -> float:
@@ -140,9 +145,17 @@ def embed_demonstrations(
     tau: ArrayLike,
     robot_messages: ArrayLike = 1.0,
     persistent: bool = True,
+    picture_size: int | None = None,
 ) -> jax.Array:
-    """phi of every frame: (B, T, D) float32; rows behind a demonstration's length are finite and mean nothing."""
+    """phi of every frame: (B, T, D) float32; rows behind a demonstration's length are finite and mean nothing.
+
+    Raises:
+      DemonstrationError: pictures are wanted, and the demonstrations have none of that size.
+    """
     demos = demonstrations
+    if picture_size is not None:
+        frames = demos.pictures(picture_size)
+        return jnp.stack([_embed_pictures(params, sequence) for sequence in frames])
     weights = (alpha, suppress_robot, tau, robot_messages)
     data = (demos.boxes, demos.mask, demos.lengths, demos.class_ids())
     return _embed_batch(demos.objects, persistent, params, *data, *weights)
@@ -151,7 +164,7 @@ def embed_demonstrations(
 def demonstration_embeddings(model: RewardModel, demonstrations: Demonstrations) -> jax.Array:
     """phi of every frame as a reward model sees it; see `embed_demonstrations`."""
     weights = (model.alpha, model.suppress_robot, model.tau, model.robot_messages)
-    return embed_demonstrations(model.params, demonstrations, *weights, model.persistent)
+    return embed_demonstrations(model.params, demonstrations, *weights, model.persistent, model.picture_size)
 
 
 def demonstration_rewards(model: RewardModel, demonstrations: Demonstrations) -> jax.Array:
@@ -160,11 +173,16 @@ def demonstration_rewards(model: RewardModel, demonstrations: Demonstrations) ->
 
 
 @jax.jit
-def _embed_graphs(
-    params: EncoderParams, graphs: Graph, alpha: ArrayLike, suppress_robot: ArrayLike, robot_messages: ArrayLike
+def _embed_all(
+    params: EncoderParams, seen: Seen, alpha: ArrayLike, suppress_robot: ArrayLike, robot_messages: ArrayLike
 ) -> jax.Array:
     axes = (None, 0, None, None, None)
-    return jax.vmap(jax.vmap(encode, axes), axes)(params, graphs, alpha, suppress_robot, robot_messages)
+    return jax.vmap(jax.vmap(encode, axes), axes)(params, seen, alpha, suppress_robot, robot_messages)
+
+
+@jax.jit
+def _embed_pictures(params: EncoderParams, frames: jax.Array) -> jax.Array:
+    return jax.vmap(pixels.encode, (None, 0))(params, frames)
 
 
 @partial(jax.jit, static_argnames=("objects", "persistent"))

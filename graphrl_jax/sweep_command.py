@@ -30,6 +30,8 @@ from graphrl_jax.task import Task, make_task
 from graphrl_jax.training import EncoderJob, PolicyJob, train_encoders, train_policies
 
 _GROUPS: dict[str, type] = {"pretrain": PretrainHyper, "ppo": PPOHyper}
+_OF_PIXELS = ("learning_rate", "final_learning_rate", "warmup", "weight_decay", "max_grad_norm", "tau", "temperature",
+              "tcc_weight", "even")  # fmt: skip
 _AUDITED = ("pair_accuracy", "finished_above_unfinished", "maxima_inside", "within_above_beside", "bump_bonus")
 
 
@@ -40,7 +42,7 @@ class Sweep:
     Attributes:
       out: Folder of the sweep; each member is a run folder in it.
       task: Registered task.
-      reward: graph, graph_with_robot, graphirl, graphirl_with_robot, or env (then policies alone).
+      reward: graph, graph_with_robot, graphirl, graphirl_with_robot, xirl, or env (then policies alone).
       preset: smoke, cpu or gpu; chosen for the device if left out.
       demos: Demonstration file; the expert makes each seed's if none is given.
       alphas: Weights of objects that have moved, such as 1,2,4,8,16.
@@ -48,6 +50,7 @@ class Sweep:
       seeds: How many seeds.
       first_seed: The first of them.
       updates: Policy updates; the preset's number if left out.
+      encoder_steps: Steps of pretraining; the preset's number if left out.
       encoders_only: Train and audit encoders, no policies.
       resume: Continue the sweep in --out; its own settings are used.
     """
@@ -62,6 +65,7 @@ class Sweep:
     seeds: int = 1
     first_seed: int = 0
     updates: int | None = None
+    encoder_steps: int | None = None
     encoders_only: bool = False
     resume: bool = False
 
@@ -83,8 +87,9 @@ def sweep(request: Sweep) -> None:
         request = _resumed(request)
     task = make_task(request.task)
     members = planned(request, task)
+    pipeline.refuse_undrawn(task, request.reward)
     if request.demos is not None:
-        demonstrations.load(request.demos)
+        pipeline.given_demonstrations(task, members[0].settings)
     if not request.resume:
         # Resumed on another device, it keeps the sizes it began with.
         kept = runs.plain(asdict(request) | {"preset": members[0].settings.preset})
@@ -142,6 +147,7 @@ def planned(request: Sweep, task: Task) -> list[Member]:
                 seed=seed,
                 demos=None if request.demos is None else str(request.demos),
                 updates=request.updates,
+                encoder_steps=request.encoder_steps,
                 pretrain=replace(hyper, **changes["pretrain"]),
                 ppo=PPOHyper(**changes["ppo"]),
             )
@@ -183,9 +189,13 @@ def swept_values(request: Sweep) -> dict[str, tuple[float, ...]]:
 
 
 def _matters(name: str, reward: str) -> bool:
-    """Whether a field changes anything: the learning rate decays over all updates, GraphIRL's mean is plain."""
+    """Whether a field changes anything: the learning rate decays over all updates, GraphIRL's mean is plain, XIRL has
+    neither nodes nor a decoder.
+    """
     if reward == "env" and name.startswith("pretrain."):
         return name == "pretrain.tau"
+    if reward == "xirl" and name.startswith("pretrain."):
+        return name.removeprefix("pretrain.") in _OF_PIXELS
     return name != "ppo.decay_updates" and not (reward.startswith("graphirl") and name == "pretrain.alpha")
 
 

@@ -55,8 +55,13 @@ class Task(Env):
         """Whether each stage counts as reached in this state: (E,) bool."""
 
     @abstractmethod
-    def demonstrate(self, key: jax.Array, successes: int, failures: int = 0) -> Demonstrations:
-        """Runs the expert: `successes` solved episodes and `failures` deliberate ones of every kind in turn."""
+    def demonstrate(
+        self, key: jax.Array, successes: int, failures: int = 0, picture_size: int | None = None
+    ) -> Demonstrations:
+        """Runs the expert: `successes` solved episodes and `failures` deliberate ones of every kind in turn.
+
+        With `picture_size` every frame's picture comes along, so many pixels square.
+        """
 
     @abstractmethod
     def landscape(self, key: jax.Array) -> Landscape:
@@ -70,6 +75,14 @@ class Task(Env):
 
         `states` is the physics state with leaves (T, ...), boxes (T, N, 4), mask and active (T, N), rewards (T,).
         """
+
+    def picture(self, physics: Any, size: int) -> jax.Array:
+        """What a camera sees of a physics state: (size, size, 3) float32 in [0, 1], to be traced.
+
+        Raises:
+          ValueError: this task has none; policies cannot be trained on a reward of pixels.
+        """
+        raise ValueError(f"task {self.name} cannot be drawn inside a program; rewards that need no picture can be used")
 
     def picture_detector(self) -> Detector | None:
         """What finds the task's objects in pictures, for the import of videos; None if only a user's model can."""

@@ -52,7 +52,7 @@ def train_encoders(
       ValueError: jobs have demonstrations of different number or length.
     """
     splits = [job.demonstrations.successes().split(0.75, job.seed) for job in jobs]
-    data = [pretrain.prepare(fitted) for fitted, _ in splits]
+    data = [pretrain.prepare(fitted, config.encoder.picture_size) for fitted, _ in splits]
     shapes = {(jax.tree.structure(one), one.mask.shape) for one in data}
     if len(shapes) > 1:
         raise ValueError(f"demonstrations trained on side by side must agree in number and length, got {shapes}")
@@ -120,7 +120,8 @@ def _fit_reward(
     shown = pretrain.shown_frames(config, ppo.as_float32(hyper), data, pipeline.stage_key(job.seed, pipeline.GOAL))
     weights = (hyper.alpha, hyper.suppress_robot, hyper.tau)
     floats = (hyper.even, hyper.robot_messages)
-    model = fit_reward(state.params["encoder"], fitted, *weights, shown, *floats, config.persistent)
+    static = (config.persistent, config.encoder.picture_size)
+    model = fit_reward(state.params["encoder"], fitted, *weights, shown, *floats, *static)
     save_tree(job.run.path / "encoder.npz", model)
     return model, pipeline.encoder_numbers(model, held_out)
 

@@ -2,7 +2,7 @@
 
 Every wrapper is written for ONE environment; `vectorise` applies `jax.vmap` at the edge. The order is
 
-    task -> EnvironmentReward or GraphReward -> Episode -> AutoReset -> vmap
+    task -> EnvironmentReward, GraphReward or PixelReward -> Episode -> AutoReset -> vmap
 
 Whatever a wrapper remembers between steps lives in `State.info` and is replaced at every reset. `State.metrics` holds
 the scalars of the step just made; `AutoReset` copies them to `info["step_metrics"]`, where a training loop finds them.
@@ -16,6 +16,7 @@ import jax.numpy as jnp
 from brax.envs.base import Env, State, Wrapper
 from brax.envs.wrappers.training import VmapWrapper
 
+from graphrl_jax.encoder import Seen
 from graphrl_jax.graph import build_graph, update_activity
 from graphrl_jax.reward import RewardModel
 
@@ -84,6 +85,8 @@ class GraphReward(EnvironmentReward):
         model: the learned reward, usually traced, so that another encoder compiles nothing.
     """
 
+    metric = "graph_reward"
+
     def __init__(self, env: Env, model: RewardModel):
         super().__init__(env, model.tau, model.persistent)
         self.model = model
@@ -94,14 +97,26 @@ class GraphReward(EnvironmentReward):
 
     def step(self, state: State, action: jax.Array) -> State:
         state = super().step(state, action)
-        info = state.info
-        graph = build_graph(self.env.objects, info["boxes"], info["mask"], info["active"], info.get("class_ids"))
-        distance = self.model.distance(graph)
+        distance = self.model.distance(self._see(state))
         return self._with_reward(state, self.model.value(distance), distance)
 
+    def _see(self, state: State) -> Seen:
+        """What the encoder is shown of a state."""
+        info = state.info
+        return build_graph(self.env.objects, info["boxes"], info["mask"], info["active"], info.get("class_ids"))
+
     def _with_reward(self, state: State, reward: jax.Array, distance: jax.Array) -> State:
-        metrics = {**state.metrics, "graph_reward": reward, "distance": distance}
+        metrics = {**state.metrics, self.metric: reward, "distance": distance}
         return state.replace(reward=reward, metrics=metrics)
+
+
+class PixelReward(GraphReward):
+    """XIRL's way: as `GraphReward`, of the picture after the step, which the task draws. Metric: `pixel_reward`."""
+
+    metric = "pixel_reward"
+
+    def _see(self, state: State) -> Seen:
+        return self.env.picture(state.pipeline_state, self.model.picture_size)
 
 
 class Episode(Wrapper):

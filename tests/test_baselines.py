@@ -122,12 +122,15 @@ def test_settings_say_what_is_left_out():
         Settings(tcc_variant="x")  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("arguments", [["--reward", "graphirl"], ["--ablate", *ABLATIONS, "--tcc", "classification"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [["--reward", "graphirl"], ["--reward", "xirl"], ["--ablate", *ABLATIONS, "--tcc", "classification"]],
+)
 def test_each_trains_is_evaluated_and_resumed_like_any_other(tmp_path, arguments):
     out = tmp_path / "run"
     call(cli.train_main, *TRAIN, *arguments, "--out", out)
     config = json.loads((out / "config.json").read_text())
-    assert config["reward"] == ("graphirl" if "graphirl" in arguments else "graph")
+    assert config["reward"] == (arguments[1] if arguments[0] == "--reward" else "graph")
     outcome = call(cli.main, "evaluate", out, "--episodes", "4", "--video-episodes", "0")
     assert outcome["episodes"] == 4
     again = call(cli.train_main, "--out", out, "--resume")

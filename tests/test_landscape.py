@@ -9,7 +9,7 @@ import pytest
 from synthetic import OBJECTS, demonstrations
 
 from graphrl_jax import landscape
-from graphrl_jax.landscape import Grid, Landscape, audit, pair_accuracy, share_above, trajectory_scores
+from graphrl_jax.landscape import Grid, Landscape, Scenes, audit, pair_accuracy, share_above, trajectory_scores
 
 
 @jax.tree_util.register_dataclass
@@ -23,11 +23,11 @@ class Nearness:
         return -jnp.linalg.norm(graph.boxes[1, :2] - self.place)
 
 
-def scenes(blocks: np.ndarray) -> np.ndarray:
-    """Boxes (..., 4, 4) with the block's centre at `blocks` (..., 2)."""
+def scenes(blocks: np.ndarray, active: np.ndarray) -> Scenes:
+    """Boxes (..., 4, 4) with the block's centre at `blocks` (..., 2), which is the state as well."""
     boxes = np.full((*blocks.shape[:-1], 4, 4), 0.1, np.float32)
     boxes[..., 1, :2] = blocks
-    return boxes
+    return Scenes(boxes, active, blocks)
 
 
 @pytest.fixture
@@ -39,11 +39,12 @@ def carry() -> Landscape:
     near = goal + np.array([[0.0, 0.01], [0.02, 0.0]])
     active = np.array([True, True, False, False])
     inside = np.linalg.norm(places - goal, axis=-1) < 0.2
-    grid = Grid("block", scenes(places), active, x, y, inside, np.zeros((4, 2)), np.zeros(2))
+    grid = Grid("block", scenes(places, active), x, y, inside, np.zeros((4, 2)), np.zeros(2))
+    each = np.broadcast_to(active, (2, 4))
     return Landscape(
-        OBJECTS, np.array([True, True, True, False]), (grid,), scenes(random), np.broadcast_to(active, (30, 4)),
-        np.linalg.norm(random - goal, axis=-1), scenes(near), scenes(near - 0.5), active,
-        scenes(near), scenes(near + 0.25), np.broadcast_to(active, (2, 4)),
+        OBJECTS, np.array([True, True, True, False]), (grid,), scenes(random, np.broadcast_to(active, (30, 4))),
+        np.linalg.norm(random - goal, axis=-1), scenes(near, active), scenes(near - 0.5, active),
+        scenes(near, each), scenes(near + 0.25, each),
     )  # fmt: skip
 
 
@@ -72,7 +73,8 @@ class Activity:
 
 def test_the_bonus_for_bumping_counts_what_never_moved_and_is_neither_robot_nor_fixture(carry):
     objects = replace(OBJECTS, is_robot=(True, False, False, False), is_fixture=(False, False, False, True))
-    landscape = replace(carry, objects=objects, random_active=np.zeros((30, 4), bool) | np.eye(4, dtype=bool)[1])
+    random = replace(carry.random, active=np.zeros((30, 4), bool) | np.eye(4, dtype=bool)[1])
+    landscape = replace(carry, objects=objects, random=random)
     # Slot 0 is the robot, slot 1 has moved already, slot 3 is scenery.
     assert audit(Activity(jnp.array([1.0, 2.0, 4.0, 8.0])), landscape).bump_bonus == pytest.approx(4.0)
 

@@ -20,7 +20,7 @@ from graphrl_jax.detection import Detector
 from graphrl_jax.graph import safe_norm
 from graphrl_jax.landscape import Landscape
 from graphrl_jax.task import Task
-from tasks.match_regions import geometry, layouts, magical, observation
+from tasks.match_regions import geometry, layouts, magical, observation, raster
 from tasks.match_regions.model import (
     CONTROL_DT,
     DRIVEN_MASS,
@@ -187,14 +187,19 @@ class MatchRegions(Task):
         vars(other).update(changes)
         return other
 
+    def picture(self, physics: PhysicsState, size: int) -> jax.Array:
+        return raster.picture(physics.qpos, physics.scene, size)
+
     def picture_detector(self) -> Detector | None:
         # It tells the Demo scene's objects apart, by that table's classes.
         return magical.detector() if self.layout.fixed else None
 
-    def demonstrate(self, key: jax.Array, successes: int, failures: int = 0) -> Demonstrations:
+    def demonstrate(
+        self, key: jax.Array, successes: int, failures: int = 0, picture_size: int | None = None
+    ) -> Demonstrations:
         from tasks.match_regions.expert import demonstrate
 
-        return demonstrate(self._changed(control="continuous"), key, successes, failures)
+        return demonstrate(self._changed(control="continuous"), key, successes, failures, picture_size)
 
     def draw_episode(
         self, states: Any, boxes: np.ndarray, mask: np.ndarray, active: np.ndarray, rewards: np.ndarray, label: str

@@ -5,6 +5,7 @@ alone. A job runs through six phases: approach a point beside the block, face it
 its goal, release and back off. Plans vary in order, speed, pauses, approach, noise and final placements.
 """
 
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -21,6 +22,7 @@ from tasks.match_regions.layouts import NUM_TARGETS, Scene, blocks
 from tasks.match_regions.model import CONTROL_DT
 from tasks.match_regions.objects import class_ids
 from tasks.match_regions.observation import TURN_RATE
+from tasks.match_regions.raster import picture
 from tasks.match_regions.state import PhysicsState, placed_targets, score
 
 APPROACH, FACE, ADVANCE, GRIP, DRAG, RELEASE, BACK_OFF = range(7)
@@ -267,7 +269,9 @@ def rollouts(task: MatchRegions, key: jax.Array, kinds: jax.Array) -> tuple[jax.
     return frames, scene, jnp.sum(busy, axis=0, dtype=jnp.int32)
 
 
-def demonstrate(task: MatchRegions, key: jax.Array, successes: int, failures: int) -> Demonstrations:
+def demonstrate(
+    task: MatchRegions, key: jax.Array, successes: int, failures: int, picture_size: int | None
+) -> Demonstrations:
     """Demonstrations that really succeed and failures that really fail; see `collect`."""
 
     def run(key: jax.Array, kinds: np.ndarray) -> tuple[tuple[np.ndarray, Scene, np.ndarray], np.ndarray]:
@@ -281,7 +285,18 @@ def demonstrate(task: MatchRegions, key: jax.Array, successes: int, failures: in
 
     batches = max(MAX_BATCHES, 8 * (successes + failures) // BATCH)
     (qpos, scene, busy), kinds = collect(run, key, successes, failures, len(FAILURES), BATCH, batches)
-    return _as_demonstrations(task, qpos, scene, busy, kinds)
+    demos = _as_demonstrations(task, qpos, scene, busy, kinds)
+    return demos if picture_size is None else replace(demos, frames=_pictures(qpos, scene, picture_size))
+
+
+def _pictures(qpos: np.ndarray, scene: Scene, size: int) -> np.ndarray:
+    """Pictures (B, T, size, size, 3) uint8 of episodes."""
+
+    def draw(qpos: jax.Array, scene: Scene) -> jax.Array:
+        return jnp.round(255 * picture(qpos, scene, size)).astype(jnp.uint8)
+
+    drawn = jax.jit(jax.vmap(draw, in_axes=(0, None)))
+    return np.stack([drawn(frames, jax.tree.map(lambda leaf, i=i: leaf[i], scene)) for i, frames in enumerate(qpos)])
 
 
 def _as_demonstrations(

@@ -3,15 +3,16 @@ the task draws. Also where a variant changes blocks, so that audits of all varia
 """
 
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from graphrl_jax.landscape import Grid, Landscape
+from graphrl_jax.landscape import Grid, Landscape, Scenes
 from tasks.match_regions import geometry, layouts
 from tasks.match_regions.layouts import NUM_TARGETS, Scene, Start, blocks
+from tasks.match_regions.state import at_rest
 
 if TYPE_CHECKING:
     from tasks.match_regions.env import MatchRegions
@@ -31,19 +32,17 @@ def landscape(task: "MatchRegions", key: jax.Array) -> Landscape:
     random = jax.vmap(partial(_scattered, task))(jax.random.split(random_key, NUM_RANDOM))
     finished, unfinished = jax.jit(jax.vmap(partial(_pair, task)))(jax.random.split(pair_key, NUM_PAIRS))
     within, beside = jax.jit(jax.vmap(partial(_edge_pair, task)))(jax.random.split(edge_key, NUM_PAIRS))
+    moved_at_edge = _moved(task) | _slots(task, np.asarray(within.moved))
     return Landscape(
         objects=task.objects,
         mask=np.asarray(task.scene_boxes(demo.qpos, demo.scene)[1]),
         grids=tuple(_grid(task, demo, target, placed) for target in range(NUM_TARGETS) for placed in (False, True)),
-        random_boxes=_boxes(task, random),
-        random_active=np.broadcast_to(_moved(task), (NUM_RANDOM, task.objects.num_slots)),
+        random=_seen(task, random, _moved(task)),
         random_distance=np.asarray(jax.vmap(_distance)(random)),
-        finished_boxes=_boxes(task, finished),
-        unfinished_boxes=_boxes(task, unfinished),
-        pair_active=_moved(task),
-        within_boxes=_boxes(task, within),
-        beside_boxes=_boxes(task, beside),
-        edge_active=_moved(task) | _slots(task, np.asarray(within.moved)),
+        finished=_seen(task, finished, _moved(task)),
+        unfinished=_seen(task, unfinished, _moved(task)),
+        within=_seen(task, within, moved_at_edge),
+        beside=_seen(task, beside, moved_at_edge),
     )
 
 
@@ -70,9 +69,11 @@ def _slots(task: "MatchRegions", flags: np.ndarray) -> np.ndarray:
     return np.pad(flags, ((0, 0), (2, task.objects.num_slots - 2 - flags.shape[1])))
 
 
-def _boxes(task: "MatchRegions", starts: Start) -> np.ndarray:
+def _seen(task: "MatchRegions", starts: Start, active: np.ndarray) -> Scenes:
+    """Starts (K, ...) as scenes of an audit."""
     look = jax.jit(jax.vmap(task.scene_boxes))
-    return np.asarray(look(starts.qpos, starts.scene)[0])
+    states = jax.vmap(at_rest)(starts.qpos, starts.scene)
+    return Scenes(np.asarray(look(starts.qpos, starts.scene)[0]), active, states)
 
 
 def _move(qpos: jax.Array, block: int | jax.Array, place: jax.Array) -> jax.Array:
@@ -108,16 +109,20 @@ def _grid(task: "MatchRegions", demo: Start, target: int, other_placed: bool) ->
     axis = np.linspace(-0.88, 0.88, RESOLUTION, dtype=np.float32)
     places = np.stack(np.meshgrid(axis, axis), -1)
     moved = jax.vmap(partial(_move, qpos, target))(jnp.asarray(places.reshape(-1, 2)))
-    found = np.asarray(jax.jit(jax.vmap(lambda qpos: task.scene_boxes(qpos, demo.scene)[0]))(moved))
+    starts = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (len(moved), *leaf.shape)), demo)._replace(qpos=moved)
     active = _moved(task)
     if not other_placed:
         active[2 + other] = False
+    seen = _seen(task, starts, active)
+
+    def as_grid(leaf: Any) -> Any:
+        return leaf.reshape(RESOLUTION, RESOLUTION, *leaf.shape[1:])
+
     west, east, south, north = np.asarray(region)
     names = task.objects.names[2:4]
     return Grid(
         name=f"{names[target]} moved, {names[other]} {'placed' if other_placed else 'at its start'}",
-        boxes=found.reshape(RESOLUTION, RESOLUTION, *found.shape[1:]),
-        active=active,
+        scenes=Scenes(as_grid(seen.boxes), active, jax.tree.map(as_grid, seen.states)),
         x=axis,
         y=axis,
         inside=np.asarray(geometry.inside_region(region, jnp.asarray(places))),

@@ -31,6 +31,11 @@ class PhysicsState(NamedTuple):
     scene: Scene
 
 
+def at_rest(qpos: jax.Array, scene: Scene) -> PhysicsState:
+    """A still scene at `qpos`, whose targets have no way behind them."""
+    return PhysicsState(qpos, jnp.zeros_like(qpos), jnp.zeros_like(qpos), jnp.zeros(NUM_TARGETS), scene)
+
+
 def inside(qpos: jax.Array, scene: Scene) -> jax.Array:
     """Whether each block is there with its centre inside the region: (M,) bool."""
     return geometry.inside_region(scene.region, blocks(qpos)[:, :2]) & scene.present

@@ -177,10 +177,12 @@ class ShoesInBox(Task):
     def training(self) -> "ShoesInBox":
         return self
 
-    def demonstrate(self, key: jax.Array, successes: int, failures: int = 0) -> Demonstrations:
+    def demonstrate(
+        self, key: jax.Array, successes: int, failures: int = 0, picture_size: int | None = None
+    ) -> Demonstrations:
         from tasks.shoes_in_box.expert import demonstrate
 
-        return demonstrate(self, key, successes, failures)
+        return demonstrate(self, key, successes, failures, picture_size)
 
     def landscape(self, key: jax.Array) -> Landscape:
         from tasks.shoes_in_box.scenes import landscape

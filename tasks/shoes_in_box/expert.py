@@ -255,18 +255,21 @@ def rollouts(
     return frames, jnp.sum(busy, axis=0, dtype=jnp.int32)
 
 
-def demonstrate(task: environment.ShoesInBox, key: jax.Array, successes: int, failures: int) -> Demonstrations:
+def demonstrate(
+    task: environment.ShoesInBox, key: jax.Array, successes: int, failures: int, picture_size: int | None
+) -> Demonstrations:
     """Demonstrations that really succeed and failures that really fail, of the same lengths; see `collect`."""
     collect_key, length_key = jax.random.split(key)
 
     def run(key: jax.Array, kinds: np.ndarray) -> tuple[Any, np.ndarray]:
         states, busy = jax.tree.map(np.asarray, rollouts(task, key, jnp.asarray(kinds)))
         last = jax.tree.map(lambda leaf: leaf[:, -1], states)
-        return (*jax.tree.map(np.asarray, seen(task, states)), busy), np.asarray(jax.vmap(environment.success)(last))
+        found = *jax.tree.map(np.asarray, seen(task, states)), busy, states.qpos, states.box
+        return found, np.asarray(jax.vmap(environment.success)(last))
 
     # A few episodes do not need a whole batch.
     batch = min(BATCH, 8 * math.ceil((successes + failures) / 8))
-    (boxes, mask, events, busy), kinds = collect(
+    (boxes, mask, events, busy, qpos, box), kinds = collect(
         run, collect_key, successes, failures, len(FAILURES), batch, MAX_BATCHES
     )
     # A failure's motions are over when they are over; it ends when some success does.
@@ -288,7 +291,22 @@ def demonstrate(task: environment.ShoesInBox, key: jax.Array, successes: int, fa
         events=np.where(frames < lengths[:, None], frames, -1),
         event_names=task.event_names,
         kinds=np.array(("success", *FAILURES))[kinds],
+        frames=None if picture_size is None else _pictures(qpos, box, picture_size),
     )
+
+
+def _pictures(qpos: np.ndarray, box: np.ndarray, size: int) -> np.ndarray:
+    """The camera's pictures (B, T, size, size, 3) uint8 of episodes.
+
+    Raises:
+      ValueError: this machine cannot render.
+    """
+    from tasks.shoes_in_box.render import can_render, draw_scene
+
+    if not can_render():
+        raise ValueError("pictures of shoes_in_box need a graphics library that MuJoCo can use; there is none here")
+    episodes = zip(qpos, box, strict=True)
+    return np.stack([[draw_scene(*frame, size, shadows=False) for frame in zip(*one, strict=True)] for one in episodes])
 
 
 @partial(jax.jit, static_argnums=0)

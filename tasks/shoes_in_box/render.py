@@ -42,7 +42,12 @@ def pose_scene(model: mujoco.MjModel, data: mujoco.MjData, qpos: np.ndarray, box
 
 
 def draw_scene(
-    qpos: np.ndarray, box: np.ndarray, size: int, boxes: np.ndarray | None = None, active: np.ndarray | None = None
+    qpos: np.ndarray,
+    box: np.ndarray,
+    size: int,
+    boxes: np.ndarray | None = None,
+    active: np.ndarray | None = None,
+    shadows: bool = True,
 ) -> np.ndarray:
     """The camera's picture (size, size, 3) uint8, with the objects' boxes (5, 4) if given.
 
@@ -52,6 +57,7 @@ def draw_scene(
       size: pixels along an edge.
       boxes: (5, 4) cx, cy, w, h in [0, 1]; an active object's is orange, another's grey, the gripper's dotted.
       active: (5,) bool.
+      shadows: draws shadows and reflections, which takes eight times as long.
     """
     model, data, renderer = _renderer(size)
     if renderer is None:
@@ -59,6 +65,8 @@ def draw_scene(
     else:
         pose_scene(model, data, qpos, box)
         renderer.update_scene(data, "front")
+        for flag in (mujoco.mjtRndFlag.mjRND_SHADOW, mujoco.mjtRndFlag.mjRND_REFLECTION):
+            renderer.scene.flags[flag] = shadows
         image = Image.fromarray(renderer.render())
     if boxes is not None:
         draw_boxes(ImageDraw.Draw(image), size, max(1, size // 200), boxes, None, active, OBJECTS.is_robot)

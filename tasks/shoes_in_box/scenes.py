@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from graphrl_jax.landscape import Grid, Landscape
+from graphrl_jax.landscape import Grid, Landscape, Scenes
 from tasks.shoes_in_box import env, geometry, layouts
 from tasks.shoes_in_box.kinematics import HOME
 from tasks.shoes_in_box.model import INNER, LID_OPEN, SOLE
@@ -24,22 +24,19 @@ def landscape(key: jax.Array) -> Landscape:
     """Grids of either shoe (the other at its start or in the box) with the lid open, and random scenes."""
     random_key, pair_key, edge_key = jax.random.split(key, 3)
     grids = tuple(_grid(shoe, placed) for shoe in range(2) for placed in (False, True))
-    random_boxes, distance = _look(jax.vmap(_random)(jax.random.split(random_key, NUM_RANDOM)))
+    random, distance = _look(jax.vmap(_random)(jax.random.split(random_key, NUM_RANDOM)))
     finished, unfinished = jax.vmap(_pair)(jax.random.split(pair_key, NUM_PAIRS))
     within, beside = jax.vmap(_edge_pair)(jax.random.split(edge_key, NUM_PAIRS))
     return Landscape(
         objects=env.OBJECTS,
         mask=np.ones(env.OBJECTS.num_slots, bool),
         grids=grids,
-        random_boxes=random_boxes,
-        random_active=np.broadcast_to(_ACTIVE, (NUM_RANDOM, env.OBJECTS.num_slots)),
+        random=Scenes(random, _ACTIVE),
         random_distance=distance,
-        finished_boxes=_look(finished)[0],
-        unfinished_boxes=_look(unfinished)[0],
-        pair_active=_ACTIVE,
-        within_boxes=_look(within)[0],
-        beside_boxes=_look(beside)[0],
-        edge_active=np.broadcast_to(_ACTIVE, (NUM_PAIRS, env.OBJECTS.num_slots)),
+        finished=Scenes(_look(finished)[0], _ACTIVE),
+        unfinished=Scenes(_look(unfinished)[0], _ACTIVE),
+        within=Scenes(_look(within)[0], _ACTIVE),
+        beside=Scenes(_look(beside)[0], _ACTIVE),
     )
 
 
@@ -142,8 +139,7 @@ def _grid(shoe: int, other_placed: bool) -> Grid:
     inside = jax.vmap(lambda place: geometry.inside_box(box, jnp.append(place, SOLE[2])))(places)
     return Grid(
         name=f"shoe {shoe + 1} moved, shoe {other + 1} {'in the box' if other_placed else 'at its start'}",
-        boxes=_look(scenes)[0].reshape(RESOLUTION, RESOLUTION, env.OBJECTS.num_slots, 4),
-        active=active,
+        scenes=Scenes(_look(scenes)[0].reshape(RESOLUTION, RESOLUTION, env.OBJECTS.num_slots, 4), active),
         x=x,
         y=y,
         inside=np.asarray(inside).reshape(RESOLUTION, RESOLUTION),

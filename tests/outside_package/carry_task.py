@@ -12,7 +12,7 @@ from brax.envs.base import State
 
 from graphrl_jax.demonstrations import Demonstrations, reached_for_good
 from graphrl_jax.graph import ObjectTable
-from graphrl_jax.landscape import Grid, Landscape
+from graphrl_jax.landscape import Grid, Landscape, Scenes
 from graphrl_jax.task import Task
 
 GOAL = np.array([0.8, 0.3], np.float32)
@@ -57,7 +57,12 @@ class Carry(Task):
     def training(self) -> "Carry":
         return self
 
-    def demonstrate(self, key: jax.Array, successes: int, failures: int = 0) -> Demonstrations:
+    def picture(self, physics: Places, size: int) -> jax.Array:
+        return picture(physics, size)
+
+    def demonstrate(
+        self, key: jax.Array, successes: int, failures: int = 0, picture_size: int | None = None
+    ) -> Demonstrations:
         kinds = np.arange(successes + failures) >= successes
 
         def episode(key: jax.Array, fails: jax.Array) -> Places:
@@ -83,6 +88,7 @@ class Carry(Task):
             events=reached_for_good(placed),
             event_names=self.event_names,
             kinds=np.where(kinds, "idle", "success"),
+            frames=None if picture_size is None else _pictures(places, picture_size),
         )
 
     def landscape(self, key: jax.Array) -> Landscape:
@@ -92,27 +98,23 @@ class Carry(Task):
         near = GOAL + np.linspace(-0.04, 0.04, 8, dtype=np.float32)[:, None]
         active = np.array([False, False, True])
 
-        def scenes(blocks: np.ndarray) -> np.ndarray:
-            robot = np.broadcast_to(np.float32(0.2), blocks.shape)
-            return np.asarray(
-                jnp.vectorize(lambda r, b: boxes(Places(r, b)), signature="(2),(2)->(n,m)")(robot, blocks)
-            )
+        def scenes(blocks: np.ndarray) -> Scenes:
+            places = Places(np.broadcast_to(np.float32(0.2), blocks.shape), blocks)
+            seen = jnp.vectorize(lambda *both: boxes(Places(*both)), signature="(2),(2)->(n,m)")(*places)
+            return Scenes(np.asarray(seen), active, places)
 
         corners = GOAL + SIZE * np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]])
         inside = np.linalg.norm(grid - GOAL, axis=-1) < SIZE
         return Landscape(
             objects=self.objects,
             mask=np.ones(3, bool),
-            grids=(Grid("block moved", scenes(grid), active, ticks, ticks, inside, corners, np.full(2, 0.2)),),
-            random_boxes=scenes(places),
-            random_active=np.broadcast_to(active, (64, 3)),
+            grids=(Grid("block moved", scenes(grid), ticks, ticks, inside, corners, np.full(2, 0.2)),),
+            random=scenes(places),
             random_distance=np.linalg.norm(places - GOAL, axis=-1),
-            finished_boxes=scenes(near),
-            unfinished_boxes=scenes(near - 0.4),
-            pair_active=active,
-            within_boxes=scenes(near),
-            beside_boxes=scenes(near + 1.2 * SIZE),
-            edge_active=np.broadcast_to(active, (8, 3)),
+            finished=scenes(near),
+            unfinished=scenes(near - 0.4),
+            within=scenes(near),
+            beside=scenes(near + 1.2 * SIZE),
         )
 
     def draw_episode(
@@ -130,6 +132,20 @@ def move(places: Places, action: jax.Array) -> Places:
     way = SPEED * jnp.clip(action, -1.0, 1.0)
     touches = jnp.linalg.norm(places.robot - places.block) < TOUCH
     return Places(jnp.clip(places.robot + way, 0, 1), jnp.clip(places.block + touches * way, 0, 1))
+
+
+def picture(places: Places, size: int) -> jax.Array:
+    """Region, robot and block as soft discs, one per colour channel: (size, size, 3)."""
+    axis = (jnp.arange(size) + 0.5) / size
+    centres = jnp.stack([jnp.asarray(GOAL), *places])
+    square = (axis[None, :, None] - centres[:, 0]) ** 2 + (axis[:, None, None] - centres[:, 1]) ** 2
+    return jnp.exp(-square / SIZE**2)
+
+
+def _pictures(places: Places, size: int) -> np.ndarray:
+    """Pictures of episodes, (B, T, size, size, 3) uint8."""
+    drawn = jax.jit(jax.vmap(jax.vmap(lambda places: picture(places, size))))(places)
+    return np.asarray(jnp.round(255 * drawn), np.uint8)
 
 
 def boxes(places: Places) -> jax.Array:

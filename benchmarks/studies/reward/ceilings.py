@@ -50,9 +50,9 @@ def nearest_target(boxes: np.ndarray) -> np.ndarray:
 def landscape_ceilings(landscape: Landscape) -> dict[str, Any]:
     """Pair accuracy and finished above unfinished of every ideal distance; pair accuracy with approaches added."""
     scenes, done, undone = (
-        distances(boxes) for boxes in (landscape.random_boxes, landscape.finished_boxes, landscape.unfinished_boxes)
+        distances(found.boxes) for found in (landscape.random, landscape.finished, landscape.unfinished)
     )
-    robot = nearest_target(landscape.random_boxes)
+    robot = nearest_target(landscape.random.boxes)
     truth = -landscape.random_distance
     return {
         "pair_accuracy": {name: pair_accuracy(-way, truth) for name, way in scenes.items()},
