@@ -8,6 +8,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from benchmarks.throughput import LABELS
+
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "benchmarks" / "results"
 BEGIN, END = "<!-- results: written by a script from result files -->\n", "<!-- end of results -->"
@@ -18,8 +20,11 @@ METHODS = {
     "graph_with_robot": "graph reward, w/ robot",
     "graphirl": "GraphIRL, w/o robot",
     "graphirl_with_robot": "GraphIRL, w/ robot",
+    "xirl": "XIRL (pixels)",
     "human": "graph reward, w/o robot, from 15 human demonstrations (11 to learn from, 4 held out)",
 }
+FURTHER = ("graph_plain_distance", "human")
+"""Methods with a result file of their own; the others are in Table I."""
 
 AUDIT = {
     "pair_accuracy": "pairs of random scenes in order",
@@ -33,15 +38,57 @@ AUDIT = {
 }
 
 
+def table_1() -> str:
+    """Every method's policies, best first, and how its reward fares on unseen landscapes and trajectories."""
+    result = _result("table1")
+    if result is None:
+        return ""
+    rows = [
+        "| reward | success | 95 % interval over seeds | seeds | half of the training episodes solved after (M steps) "
+        "| minutes of training | pairs of random scenes in order | finished above unfinished | rank correlation "
+        "with time |",
+        "|---" * 9 + "|",
+    ]
+    methods = sorted(result["methods"].items(), key=lambda item: -item[1]["success_rate"])
+    for name, found in methods:
+        runs, spread = found["runs"], found["success_interval_95"]
+        shown = f"{spread[0]:.1%} to {spread[1]:.1%}" if spread else "one seed"
+        half = [run["half_solved_at"] for run in runs]
+        soon = "never" if None in half else _spread([steps / 1e6 for steps in half])
+        minutes = _mean([run["curve"]["seconds"][-1] / 60 for run in runs])
+        cells = ["-"] * 3
+        if "audit" in runs[0]:
+            measures = ("pair_accuracy", "finished_above_unfinished", "value_order_correlation")
+            cells = [f"{_mean([run['audit'][measure] for run in runs]):.3f}" for measure in measures]
+        rows.append(
+            f"| {METHODS[name]} | **{found['success_rate']:.1%}** | {shown} | {len(runs)} | {soon} | {minutes:.0f} "
+            f"| {' | '.join(cells)} |"
+        )
+    return "\n".join([*rows, "", f"{result['episodes']} episodes each {_where(result)}"])
+
+
+def table_2() -> str:
+    """How every learned reward tells successes from failures on Shoes in Box, lowest rho first."""
+    result = _result("table2")
+    if result is None:
+        return ""
+    by_reward = {
+        name: [run for run in result["rewards"] if run["reward"] == name]
+        for name in dict.fromkeys(run["reward"] for run in result["rewards"])
+    }
+    rho = {name: _mean([run["demonstrations"]["rho"] for run in runs]) for name, runs in by_reward.items()}
+    return _discrimination(result, sorted(by_reward, key=lambda name: rho[name]), METHODS)
+
+
 def success_table() -> str:
-    """Success of the policies trained on each reward."""
+    """Success of policies that are not in Table I."""
     rows = [
         "| reward | success | 95 % interval over seeds | mean score | seeds | environment steps | minutes per run "
         "| commit |",
         "|---|---|---|---|---|---|---|---|",
     ]
-    for name, label in METHODS.items():
-        result = _result(f"match_regions_{name}")
+    for name in FURTHER:
+        result, label = _result(f"match_regions_{name}"), METHODS[name]
         if result is None:
             continue
         runs = result["runs"]
@@ -59,8 +106,8 @@ def success_table() -> str:
 def audit_table() -> str:
     """How the learned rewards fare on landscapes and trajectories that no training saw, means over seeds."""
     rows = [f"| reward | {' | '.join(AUDIT.values())} |", "|---" * (len(AUDIT) + 1) + "|"]
-    for name, label in METHODS.items():
-        result = _result(f"match_regions_{name}")
+    for name in FURTHER:
+        result, label = _result(f"match_regions_{name}"), METHODS[name]
         if result is None or "audit" not in result["runs"][0]:
             continue
         audits = [run["audit"] | run["audit"]["successes_above"] for run in result["runs"]]
@@ -81,11 +128,14 @@ STAGE_METHODS = {"rests": "rests", "change_points": "change points", "uvd": "UVD
 def discrimination_table() -> str:
     """Rho and its companions on Shoes in Box, on demonstrations and on whole episodes, means over seeds."""
     result = _result("shoes_in_box")
-    if result is None:
-        return ""
+    return "" if result is None else _discrimination(result, list(SHOE_REWARDS), SHOE_REWARDS)
+
+
+def _discrimination(result: dict[str, Any], names: list[str], labels: dict[str, str]) -> str:
+    """A row per reward; one that no seed changes lies in the result itself."""
     head = "| reward | rho | the same of whole episodes | AUROC | the same of whole episodes"
     rows = [f"{head} | rank correlation with time: successes | failures | seeds |", "|---" * 8 + "|"]
-    for name, label in SHOE_REWARDS.items():
+    for name in names:
         runs = [run for run in result["rewards"] if run["reward"] == name] or [result[name]]
         cells = [
             _spread([run[cut][measure] for run in runs])
@@ -94,7 +144,7 @@ def discrimination_table() -> str:
                 ("auroc", "whole_episodes"), ("order_success", "demonstrations"), ("order_failure", "demonstrations"),
             )
         ]  # fmt: skip
-        rows.append(f"| {label} | {' | '.join(cells)} | {len(runs) if name != 'true_progress' else '-'} |")
+        rows.append(f"| {labels[name]} | {' | '.join(cells)} | {len(runs) if name != 'true_progress' else '-'} |")
     return "\n".join([*rows, "", _where(result)])
 
 
@@ -158,16 +208,34 @@ def throughput_table() -> str:
     result = _result("throughput")
     if result is None:
         return ""
+    batches = result["batches"]
+    rows = [
+        f"| control steps/s (of bare physics) with | {' | '.join(str(b['num_envs']) for b in batches)} environments "
+        f"| compile (s) | memory (MiB) |",
+        "|---" * (len(batches) + 3) + "|",
+    ]
+    for name, label in LABELS.items():
+        cells = [f"{b['steps_per_second'][name]:,.0f} ({b['of_physics'][name]:.2f})" for b in batches]
+        largest = batches[-1]
+        cells += [f"{largest['compile_s'][name]:.0f}", f"{largest['memory_mib'][name]:,.0f}"]
+        rows.append(f"| {label} | {' | '.join(cells)} |")
+    return "\n".join([*rows, "", f"Compile time and memory with most environments {_where(result)}"])
+
+
+def pytorch_table() -> str:
+    """Pretraining steps per second beside PyTorch's."""
+    result = _result("pytorch")
+    if result is None:
+        return ""
     names = {
-        "physics": "bare `mjx.step`, same scene and sub-steps",
-        "environment": "environment step",
-        "ppo_env": "PPO, environmental reward",
-        "ppo_graph": "PPO, learned reward",
+        "jax": "here",
+        "pytorch": f"PyTorch {result['torch']}, all pairs in one tensor",
+        "pytorch_pair_by_pair": "PyTorch, pair by pair",
     }
-    rates = result["steps_per_second"]
-    rows = ["| program | control steps/s | of bare physics |", "|---|---|---|"]
-    rows += [f"| {names[name]} | {rate:,.0f} | {rate / rates['physics']:.2f} |" for name, rate in rates.items()]
-    return "\n".join([*rows, "", f"{result['num_envs']} environments {_where(result)}"])
+    rows = ["| pretraining, same network, loss and batch | steps/s | time per step, here = 1 |", "|---|---|---|"]
+    for name, label in names.items():
+        rows.append(f"| {label} | {result['steps_per_second'][name]:.1f} | {result['times_faster'][name]:.1f} |")
+    return "\n".join([*rows, "", _where(result)])
 
 
 def human_table() -> str:
@@ -241,7 +309,10 @@ def variants_table() -> str:
 
 
 BLOCKS: dict[str, tuple[Callable[[], str], ...]] = {
-    "Match Regions": (success_table, audit_table, throughput_table),
+    "Table I": (table_1,),
+    "Match Regions": (success_table, audit_table),
+    "throughput": (throughput_table, pytorch_table),
+    "Table II": (table_2,),
     "variants": (variants_table,),
     "Shoes in Box": (discrimination_table, failures_table, stages_table),
     "human demonstrations": (human_table, fidelity_table),

@@ -5,7 +5,7 @@
 Members (a method and a seed) are runs in `--out`, trained one after another, methods in turn, to share a budget.
 What is there already is used again, an interrupted member goes on, and several such commands may run beside each other
 if their methods or seeds differ. Floats of pretraining are those that `benchmarks.tuning` chose. Writes table1.json and
-the learning curves to `benchmarks/results` (smoke: to `--out`), from all finished members.
+the learning curves to `benchmarks/results` (smoke: to `--out`; gpu: table1_gpu), from all finished members.
 """
 
 import time
@@ -155,8 +155,7 @@ def main() -> None:
             late = options.budget_minutes is not None and spent > options.budget_minutes
             if not late and not (path / "summary.json").exists():
                 train_member(task, options, method, seed, path)
-    pictures = make_pictures(options)
-    unseen = unseen_trajectories(task, options.evaluation_seed, pictures)
+    unseen = unseen_trajectories(task, options.evaluation_seed, picture_size(options))
     methods: dict[str, dict[str, Any]] = {}
     for method in METHODS:
         finished = sorted(path.parent for path in options.out.glob(f"{method}_[0-9]*/summary.json"))
@@ -164,12 +163,13 @@ def main() -> None:
             methods[method] = together([judged(path, unseen, options) for path in finished])
             print(method, {name: methods[method][name] for name in ("success_rate", "success_interval_95")})
     results = options.out if options.preset == "smoke" else RESULTS
+    name = "table1_gpu" if options.preset == "gpu" else "table1"
     report = {"methods": methods, "episodes": EPISODES[options.preset], "seed": options.evaluation_seed, **where}
-    write_json(results / "table1.json", report)
-    curves_figure(methods, results / "table1.png")
+    write_json(results / f"{name}.json", report)
+    curves_figure(methods, results / f"{name}.png")
 
 
-def make_pictures(options: Options) -> int | None:
+def picture_size(options: Options) -> int | None:
     """Size of the pictures that members of XIRL look at; None without such members."""
     found = any(options.out.glob("xirl_[0-9]*/summary.json"))
     return Settings(reward="xirl", preset=options.preset).pretraining.encoder.picture_size if found else None

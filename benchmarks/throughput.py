@@ -1,29 +1,35 @@
 """Steps per second of training, beside the physics that it cannot do without.
 
-    python -m benchmarks.throughput [--num-envs 1024] [--steps 16] [--repeats 3] [--out FILE]
+    python -m benchmarks.throughput [--task match_regions] [--num-envs 1 32 1024] [--steps 16] [--repeats 11]
 
-In one process, on the same batch, in environment (control) steps per second:
+In one process, on the same batches, in environment (control) steps per second:
 
     physics       bare `mjx.step`, as many sub-steps per control step as the task makes, under fixed controls
     environment   the task's `step` under fixed actions: physics, observation, reward and score
+    graph         the same, and the graph of what is seen, with its activity
+    reward        the same, and the learned reward of an encoder with random parameters (the time is the same)
+    policy        PPO's unroll with the learned reward: the same with resets, drawn actions and bookkeeping
     ppo_env       PPO's whole update (unroll and all gradient steps) with the environment's reward
-    ppo_graph     the same with the learned reward, of an encoder with random parameters (the time is the same)
+    ppo_graph     the same with the learned reward
 
-The first call of each is timed apart (it traces and compiles), then the four take turns, so that whatever else the
-machine does weighs on all of them. What counts are the ratios of the medians.
+The first call of each is timed apart (it traces and compiles), then they take turns, so that whatever else the machine
+does weighs on all of them. What counts are the ratios of the medians. Memory is what the compiled program asks for.
 """
 
+import math
 import statistics
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 import tyro
+from brax.envs.base import Env, State
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
 from mujoco import mjx
 from rich.console import Console
 from rich.table import Table
@@ -31,17 +37,23 @@ from rich.table import Table
 from benchmarks.context import measured_on
 from graphrl_jax import encoder, ppo
 from graphrl_jax.compilation import configure, jit_physics
+from graphrl_jax.graph import build_graph
 from graphrl_jax.ppo_config import PPOConfig, PPOHyper
 from graphrl_jax.reward import RewardModel
-from graphrl_jax.runs import write_json
+from graphrl_jax.runs import write_atomically, write_json
+from graphrl_jax.task import Task, make_task
 from graphrl_jax.wrappers import EnvironmentReward, GraphReward
-from tasks.match_regions.env import MatchRegions
-from tasks.match_regions.state import PhysicsState
 
-RATIOS = (("ppo_env", "physics"), ("ppo_env", "environment"), ("ppo_graph", "ppo_env"))
+LABELS = {
+    "physics": "bare `mjx.step`, same scene and sub-steps",
+    "environment": "environment step",
+    "graph": "and the graph",
+    "reward": "and the learned reward",
+    "policy": "and resets, policy, bookkeeping (PPO's unroll)",
+    "ppo_env": "PPO, environmental reward",
+    "ppo_graph": "PPO, learned reward",
+}
 _TAU = 0.01  # activity threshold; any value takes the same time
-
-Program = Callable[[], Any]
 
 
 @dataclass(frozen=True)
@@ -49,76 +61,69 @@ class Options:
     """Throughput of physics, environment and training, in environment steps per second.
 
     Attributes:
-      num_envs: environments stepped together.
+      task: match_regions or shoes_in_box.
+      num_envs: environments stepped together; each batch is measured.
       steps: control steps per call, PPO's unroll length.
       repeats: timed calls of each program; the median counts.
-      out: where the numbers go.
+      out: where the numbers go; a plot lies beside them. benchmarks/results/throughput[_shoes_in_box].json if left out.
     """
 
-    num_envs: int = 1024
+    task: Literal["match_regions", "shoes_in_box"] = "match_regions"
+    num_envs: tuple[int, ...] = (1, 32, 1024)
     steps: int = 16
     repeats: int = 11
-    out: Path = Path("benchmarks/results/throughput.json")
+    out: Path | None = None
 
     def __post_init__(self) -> None:
-        for name in ("num_envs", "steps", "repeats"):
-            if getattr(self, name) < 1:
+        for name, values in (("num_envs", self.num_envs), ("steps", [self.steps]), ("repeats", [self.repeats])):
+            if not values or min(values) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}; allowed: 1 or more")
 
 
-def physics_program(task: MatchRegions, options: Options, key: jax.Array) -> Program:
+def physics_program(task: Task, num_envs: int, steps: int, key: jax.Array) -> tuple[Any, tuple]:
     """Bare physics at its fastest: as in the task, only positions, rates and the solver's start are carried."""
-    model, template = task._model, task._template
+    model, template = task._model, task._template  # type: ignore[attr-defined]
     reset_key, control_key = jax.random.split(key)
-    controls = jax.random.uniform(control_key, (options.num_envs, model.nu), minval=-0.5, maxval=0.5)
+    controls = jax.random.uniform(control_key, (num_envs, model.nu), minval=-0.5, maxval=0.5)
 
-    def substep(state: PhysicsState, control: jax.Array) -> PhysicsState:
+    def substep(state: Any, control: jax.Array) -> Any:
         data = template.replace(qpos=state.qpos, qvel=state.qvel, qacc_warmstart=state.warmstart, ctrl=control)
         data = mjx.step(model, data)
         return state._replace(qpos=data.qpos, qvel=data.qvel, warmstart=data.qacc_warmstart)
 
-    @jit_physics
-    def run(states: PhysicsState) -> PhysicsState:
-        def body(states: PhysicsState, _: None) -> tuple[PhysicsState, None]:
+    def run(states: Any) -> Any:
+        def body(states: Any, _: None) -> tuple[Any, None]:
             return jax.vmap(substep)(states, controls), None
 
-        return jax.lax.scan(body, states, length=options.steps * task.physics.substeps)[0]
+        return jax.lax.scan(body, states, length=steps * task.physics.substeps)[0]  # type: ignore[attr-defined]
 
-    return partial(run, _reset(task, options, reset_key).pipeline_state)
+    return run, (_reset(task, num_envs, reset_key).pipeline_state,)
 
 
-def environment_program(task: MatchRegions, options: Options, key: jax.Array) -> Program:
-    """The task's own step, without wrappers."""
+def environment_program(env: Env, num_envs: int, steps: int, key: jax.Array, graph: bool = False) -> tuple[Any, tuple]:
+    """An environment's step under fixed actions; the task's own, or a wrapper's, with the graph of what is seen."""
     reset_key, action_key = jax.random.split(key)
-    actions = jax.random.uniform(action_key, (options.num_envs, task.action_size), minval=-1.0, maxval=1.0)
+    actions = jax.random.uniform(action_key, (num_envs, env.action_size), minval=-1.0, maxval=1.0)
 
-    @jit_physics
-    def run(states: Any) -> Any:
-        def body(states: Any, _: None) -> tuple[Any, jax.Array]:
-            states = jax.vmap(task.step)(states, actions)
-            # Handed out, so that no part of the step is dropped as unused.
-            return states, jnp.mean(states.reward)
+    def look(state: State) -> jax.Array:
+        """A number that needs all that is measured, so that no part of the step is dropped as unused."""
+        if not graph:
+            return state.reward
+        info = state.info
+        seen = build_graph(env.objects, info["boxes"], info["mask"], info["active"], info.get("class_ids"))
+        return state.reward + sum(jnp.sum(leaf) for leaf in (seen.boxes, seen.classes, seen.active))
 
-        return jax.lax.scan(body, states, length=options.steps)
+    def run(states: State) -> tuple[State, jax.Array]:
+        def body(states: State, _: None) -> tuple[State, jax.Array]:
+            states = jax.vmap(env.step)(states, actions)
+            return states, jnp.mean(jax.vmap(look)(states))
 
-    return partial(run, _reset(task, options, reset_key))
+        return jax.lax.scan(body, states, length=steps)
 
-
-def ppo_program(make_env: ppo.MakeEnv, reward_params: Any, options: Options, key: jax.Array) -> Program:
-    """One update of PPO per call, going on from where the last call ended (its state is donated)."""
-    config = PPOConfig(num_envs=options.num_envs, unroll_length=options.steps)
-    hyper = PPOHyper()
-    state = ppo.init_jit(config, make_env, reward_params, key)
-
-    def run() -> Any:
-        nonlocal state
-        state, metrics = ppo.train_chunk(config, make_env, hyper, reward_params, state, 1)
-        return state, metrics
-
-    return run
+    return run, (_reset(env, num_envs, reset_key),)
 
 
-def random_reward(task: MatchRegions, key: jax.Array) -> RewardModel:
+def random_reward(task: Task, key: jax.Array) -> RewardModel:
     """A reward from an untrained encoder of the default size."""
     config = encoder.EncoderConfig()
     params = encoder.init(key, config, task.objects.num_classes)
@@ -126,79 +131,110 @@ def random_reward(task: MatchRegions, key: jax.Array) -> RewardModel:
     return RewardModel(params, jnp.zeros(config.embedding), *scalars)
 
 
-def build_programs(options: Options, key: jax.Array) -> dict[str, Program]:
-    """The four programs by name, on the starts that policies are trained on. Resets are compiled here."""
-    task = MatchRegions().training()
+def build_programs(options: Options, num_envs: int, key: jax.Array) -> dict[str, tuple[Any, tuple]]:
+    """The programs by name, as functions and their arguments, on the starts that policies are trained on."""
+    task = make_task(options.task).training()
     physics_key, environment_key, encoder_key, ppo_key = jax.random.split(key, 4)
+    sizes = (num_envs, options.steps, environment_key)
+    model = random_reward(task, encoder_key)
+    minibatches = math.gcd(num_envs, 16)
+    config = PPOConfig(
+        num_envs=num_envs, unroll_length=options.steps, num_minibatches=minibatches, episode_length=task.episode_length
+    )
+    make_env, make_graph = partial(EnvironmentReward, task), partial(GraphReward, task)
+    tau = jnp.float32(_TAU)
+
+    def unroll(state: ppo.TrainState) -> tuple[Any, jax.Array]:
+        env_state, data = ppo.unroll(config, make_graph, model, state, state.key)
+        return env_state, jnp.mean(data.reward)
+
+    start = partial(ppo.init_jit, config)
+    env_state, graph_state = start(make_env, tau, ppo_key), start(make_graph, model, ppo_key)
     return {
-        "physics": physics_program(task, options, physics_key),
-        "environment": environment_program(task, options, environment_key),
-        "ppo_env": ppo_program(partial(EnvironmentReward, task), jnp.float32(_TAU), options, ppo_key),
-        "ppo_graph": ppo_program(partial(GraphReward, task), random_reward(task, encoder_key), options, ppo_key),
+        "physics": physics_program(task, num_envs, options.steps, physics_key),
+        "environment": environment_program(task, *sizes),
+        "graph": environment_program(EnvironmentReward(task, tau), *sizes, graph=True),
+        "reward": environment_program(GraphReward(task, model), *sizes),
+        "policy": (unroll, (graph_state,)),
+        "ppo_env": (partial(ppo.update, config, make_env, PPOHyper(), tau), (env_state,)),
+        "ppo_graph": (partial(ppo.update, config, make_graph, PPOHyper(), model), (graph_state,)),
     }
 
 
-def measure(programs: dict[str, Program], repeats: int) -> tuple[dict[str, float], dict[str, list[float]]]:
-    """Seconds of the first call of each program, and of `repeats` later ones taken in turns."""
-    first = {name: _seconds(program) for name, program in programs.items()}
-    later: dict[str, list[float]] = {name: [] for name in programs}
-    for _ in range(repeats):
-        for name, program in programs.items():
-            later[name].append(_seconds(program))
-    return first, later
-
-
-def summarise(options: Options, first: dict[str, float], later: dict[str, list[float]]) -> dict[str, Any]:
-    """Rates (environment steps per second), compile times and the ratios of the rates."""
-    work = options.num_envs * options.steps
-    medians = {name: statistics.median(seconds) for name, seconds in later.items()}
+def measure(programs: dict[str, tuple[Any, tuple]], work: int, repeats: int) -> dict[str, Any]:
+    """Rates (environment steps per second), compile times and memory of programs that make `work` steps a call."""
+    compiled, compile_s, memory = {}, {}, {}
+    for name, (function, arguments) in programs.items():
+        started = time.perf_counter()
+        compiled[name] = jit_physics(function).lower(*arguments).compile()
+        compile_s[name] = time.perf_counter() - started
+        need = compiled[name].memory_analysis()
+        memory[name] = (need.temp_size_in_bytes + need.argument_size_in_bytes + need.output_size_in_bytes) / 2**20
+    seconds: dict[str, list[float]] = {name: [] for name in programs}
+    for repeat in range(repeats + 1):
+        for name, (_, arguments) in programs.items():
+            started = time.perf_counter()
+            jax.block_until_ready(compiled[name](*arguments))
+            if repeat:  # the first call of each warms up
+                seconds[name].append(time.perf_counter() - started)
+    medians = {name: statistics.median(found) for name, found in seconds.items()}
     return {
-        "ratios": {f"{a} / {b}": medians[b] / medians[a] for a, b in RATIOS},
-        "steps_per_second": {name: work / seconds for name, seconds in medians.items()},
-        "compile_s": {name: max(first[name] - medians[name], 0.0) for name in medians},
-        "seconds": later,
+        "steps_per_second": {name: work / median for name, median in medians.items()},
+        "of_physics": {name: medians["physics"] / median for name, median in medians.items()},
+        "compile_s": compile_s,
+        "memory_mib": memory,
+        "seconds": seconds,
     }
+
+
+def figure(batches: list[dict[str, Any]], path: Path) -> None:
+    """Steps per second of every program against the batch."""
+    picture = Figure(figsize=(6, 4), dpi=120, layout="constrained")
+    axes = picture.subplots()
+    for name, label in LABELS.items():
+        rates = [batch["steps_per_second"][name] for batch in batches]
+        axes.plot([batch["num_envs"] for batch in batches], rates, marker="o", label=label.replace("`", ""))
+    axes.set(xscale="log", yscale="log", xlabel="environments", ylabel="environment steps per second")
+    axes.spines[["top", "right"]].set_visible(False)
+    axes.legend(frameon=False, fontsize=8)
+    write_atomically(path, FigureCanvasAgg(picture).print_png)
 
 
 def main() -> None:
-    """Measures, prints the table and writes the JSON."""
+    """Measures, prints the table and writes JSON and plot, after every batch."""
     options = tyro.cli(Options, description=__doc__)
     compile_log = configure()
     where = measured_on("throughput")  # before anything else loads the machine
-    results = summarise(options, *measure(build_programs(options, jax.random.key(0)), options.repeats))
-    context = {
-        "num_envs": options.num_envs,
-        "steps": options.steps,
-        "repeats": options.repeats,
-        "substeps": MatchRegions().physics.substeps,
-        "compilation_cache": compile_log.cache,
-        **where,
-    }
-    write_json(options.out, {**results, **context})
-    _print(options, results, context)
+    end = "" if options.task == "match_regions" else f"_{options.task}"
+    out = options.out or Path(f"benchmarks/results/throughput{end}.json")
+    batches: list[dict[str, Any]] = []
+    for num_envs in options.num_envs:
+        programs = build_programs(options, num_envs, jax.random.key(0))
+        batches.append({"num_envs": num_envs, **measure(programs, num_envs * options.steps, options.repeats)})
+        context = {
+            "task": options.task,
+            "steps": options.steps,
+            "repeats": options.repeats,
+            "compilation_cache": compile_log.cache,
+            **where,
+        }
+        write_json(out, {"batches": batches, **context})
+        figure(batches, out.with_suffix(".png"))
+        _print(batches[-1], context)
 
 
-def _print(options: Options, results: dict[str, Any], context: dict[str, Any]) -> None:
-    table = Table(title=f"{options.num_envs} environments x {options.steps} steps on {context['device']}")
-    for column in ("program", "steps/s (median)", "compile (s)"):
+def _print(batch: dict[str, Any], context: dict[str, Any]) -> None:
+    table = Table(title=f"{batch['num_envs']} environments x {context['steps']} steps on {context['device']}")
+    for column in ("program", "steps/s (median)", "of physics", "compile (s)", "memory (MiB)"):
         table.add_column(column, justify="left" if column == "program" else "right")
-    for name, rate in results["steps_per_second"].items():
-        table.add_row(name, f"{rate:,.0f}", f"{results['compile_s'][name]:.1f}")
-    console = Console()
-    console.print(table)
-    for name, ratio in results["ratios"].items():
-        console.print(f"{name}: {ratio:.2f}")
-    console.print(f"compilation cache: {context['compilation_cache']}; written to {options.out}")
+    for name, rate in batch["steps_per_second"].items():
+        numbers = (batch["of_physics"][name], batch["compile_s"][name], batch["memory_mib"][name])
+        table.add_row(name, f"{rate:,.0f}", f"{numbers[0]:.2f}", f"{numbers[1]:.1f}", f"{numbers[2]:,.0f}")
+    Console().print(table)
 
 
-def _reset(task: MatchRegions, options: Options, key: jax.Array) -> Any:
-    return jax.jit(jax.vmap(task.reset))(jax.random.split(key, options.num_envs))
-
-
-def _seconds(program: Program) -> float:
-    start = time.perf_counter()
-    jax.block_until_ready(program())
-    return time.perf_counter() - start
+def _reset(env: Env, num_envs: int, key: jax.Array) -> State:
+    return jax.jit(jax.vmap(env.reset))(jax.random.split(key, num_envs))
 
 
 if __name__ == "__main__":

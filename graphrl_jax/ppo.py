@@ -109,6 +109,18 @@ def init(
     )
 
 
+def unroll(
+    config: PPOConfig, make_env: MakeEnv, reward_params: Any, state: TrainState, key: jax.Array
+) -> tuple[State, Transition]:
+    """T steps of the policy in each of B environments: their states, and the transitions, leaves (T, B, ...)."""
+    env = vectorise(make_env(reward_params), config.episode_length)
+    network = make_networks(config, state.env_state.obs.shape[-1], env.action_size)
+    policy = networks.make_inference_fn(network)((state.normalizer, state.params.policy))
+    return acting.generate_unroll(
+        env, state.env_state, policy, key, config.unroll_length, extra_fields=("truncation", "step_metrics")
+    )
+
+
 def update(
     config: PPOConfig, make_env: MakeEnv, hyper: PPOHyper, reward_params: Any, state: TrainState
 ) -> tuple[TrainState, Metrics]:
@@ -123,13 +135,8 @@ def update(
         the mean of each of `OUTCOMES` over them (NaN where none finished); and the loss's diagnostics.
     """
     unroll_key, sgd_key, next_key = jax.random.split(state.key, 3)
-    env = vectorise(make_env(reward_params), config.episode_length)
-    network = make_networks(config, state.env_state.obs.shape[-1], env.action_size)
-
-    policy = networks.make_inference_fn(network)((state.normalizer, state.params.policy))
-    env_state, data = acting.generate_unroll(
-        env, state.env_state, policy, unroll_key, config.unroll_length, extra_fields=("truncation", "step_metrics")
-    )
+    env_state, data = unroll(config, make_env, reward_params, state, unroll_key)
+    network = make_networks(config, data.observation.shape[-1], data.action.shape[-1])
     metrics = _unroll_metrics(data)
     # The loss looks at the last next observation alone, and never at the squashed action.
     extras = {

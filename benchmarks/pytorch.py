@@ -1,0 +1,216 @@
+"""Pretraining steps per second beside PyTorch: the same network, the same loss, the same batch, one after the other.
+
+    pip install -e ".[bench]" && python -m benchmarks.pytorch
+
+What is timed is one optimiser step on a fixed batch (gradient of TCC and reconstruction, clipping, Adam), for JAX as
+`pretrain.step` makes it, for PyTorch eagerly, once with all pairs of sequences in one tensor and once pair by pair, as
+XIRL's released code runs. First the losses of both are compared. Both get the same cores. Writes
+benchmarks/results/pytorch.json.
+"""
+
+import statistics
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import torch  # pyright: ignore[reportMissingImports]
+import tyro
+
+from benchmarks.context import measured_on
+from graphrl_jax import pretrain
+from graphrl_jax.compilation import configure
+from graphrl_jax.encoder import INPUT_SCALE
+from graphrl_jax.graph import Graph
+from graphrl_jax.optimizer import adam_update, clip_by_global_norm
+from graphrl_jax.ppo import as_float32
+from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
+from graphrl_jax.runs import write_json
+from graphrl_jax.task import make_task
+
+OUT = Path("benchmarks/results/pytorch.json")
+
+
+@dataclass(frozen=True)
+class Options:
+    """Steps per second of both.
+
+    Attributes:
+      repeats: timed steps of each; the median counts.
+      seed: of parameters and batch.
+    """
+
+    repeats: int = 20
+    seed: int = 0
+
+
+def batch_of(config: PretrainConfig, objects: Any, seed: int) -> tuple[Graph, jax.Array, jax.Array]:
+    """A batch of made-up graphs (b, F, ...) of a task's objects, frame mask (b, F) and times (b, F)."""
+    random = np.random.default_rng(seed)
+    shape = (config.batch_size, config.num_frames, objects.num_slots)
+    classes = np.eye(objects.num_classes, dtype=np.float32)[np.array(objects.class_ids)]
+    graph = Graph(
+        boxes=random.uniform(0, 1, (*shape, 4)).astype(np.float32),
+        mask=np.ones(shape, bool),
+        classes=np.broadcast_to(classes, (*shape, objects.num_classes)).copy(),
+        robot=np.broadcast_to(np.array(objects.is_robot), shape).copy(),
+        active=random.uniform(size=shape) < 0.5,
+    )
+    times = np.sort(random.uniform(size=shape[:2]).astype(np.float32), axis=1)
+    return graph, np.ones(shape[:2], bool), times
+
+
+def jax_step(config: PretrainConfig, hyper: PretrainHyper, state: Any, batch: tuple) -> tuple[Callable[[], Any], float]:
+    """An optimiser step that goes on from the last one, and the loss before the first."""
+
+    @jax.jit
+    def step(params: Any, optimizer: Any) -> tuple[Any, Any, jax.Array]:
+        grads, metrics = jax.grad(pretrain._loss, has_aux=True)(params, config, hyper, *batch)
+        grads, _ = clip_by_global_norm(grads, hyper.max_grad_norm)
+        params, optimizer = adam_update(grads, optimizer, params, hyper.learning_rate, weight_decay=hyper.weight_decay)
+        return params, optimizer, metrics["loss"]
+
+    now = [state.params, state.optimizer]
+
+    def run() -> None:
+        now[0], now[1], loss = step(*now)
+        loss.block_until_ready()
+
+    return run, float(step(*now)[2])
+
+
+def perceptron(layers: list[tuple[torch.Tensor, torch.Tensor]], inputs: torch.Tensor) -> torch.Tensor:
+    """Linear layers with a ReLU between them."""
+    for weight, bias in layers[:-1]:
+        inputs = torch.relu(inputs @ weight + bias)
+    return inputs @ layers[-1][0] + layers[-1][1]
+
+
+def embed(params: dict[str, Any], graph: dict[str, torch.Tensor], hyper: PretrainHyper) -> tuple[torch.Tensor, ...]:
+    """Node and graph embeddings of graphs (b, F, ...): messages as ordinary edge perceptrons, Eq. 1-2, head."""
+    boxes, mask = graph["boxes"], graph["mask"]
+    centres = boxes[..., :2]
+    offsets = centres[..., None, :, :] - centres[..., :, None, :]
+    distance = offsets.square().sum(-1, keepdim=True).clamp_min(1e-12).sqrt()
+    edges = INPUT_SCALE * torch.cat([offsets, distance], -1)
+    others = mask[..., None, :] & ~torch.eye(mask.shape[-1], dtype=torch.bool)
+    weights = others.float() / others.float().sum(-1, keepdim=True).clamp_min(1.0)
+    nodes = torch.relu(perceptron(params["input"], torch.cat([graph["classes"], INPUT_SCALE * (boxes - 0.5)], -1)))
+    for layer in params["layers"]:
+        pairs = (nodes @ layer["receiver"] + layer["message_bias"])[..., :, None, :]
+        pairs = pairs + (nodes @ layer["sender"])[..., None, :, :] + edges @ layer["edge"]
+        messages = (weights[..., None] * torch.relu(pairs)).sum(-2)
+        update = torch.relu(nodes @ layer["own"] + messages @ layer["messages"] + layer["update_bias"])
+        nodes = nodes + update @ layer["output"]
+    shares = (1 + (float(hyper.alpha) - 1) * graph["active"].float()) * (~graph["robot"]).float() * mask.float()
+    shares = shares / shares.sum(-1, keepdim=True)
+    pooled = (shares[..., None] * nodes).sum(-2)
+    return nodes, perceptron(params["head"], pooled)
+
+
+def tcc(embeddings: torch.Tensor, times: torch.Tensor, temperature: float, pair_by_pair: bool) -> torch.Tensor:
+    """Soft temporal cycle-consistency, `regression_mse`, of embeddings (b, F, D) over all ordered pairs."""
+    count, _, size = embeddings.shape
+
+    def similarity(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+        squares = a.square().sum(-1)[..., :, None] + b.square().sum(-1)[..., None, :] - 2 * a @ b.transpose(-1, -2)
+        return -squares / (size * temperature)
+
+    def cycle(u: torch.Tensor, v: torch.Tensor, u_times: torch.Tensor) -> torch.Tensor:
+        nearest = torch.softmax(similarity(u, v), -1) @ v
+        back = torch.softmax(similarity(nearest, u), -1)
+        return ((back @ u_times[..., None])[..., 0] - u_times).square().mean(-1)
+
+    if pair_by_pair:
+        losses = [cycle(embeddings[i], embeddings[j], times[i]) for i in range(count) for j in range(count) if i != j]
+        return torch.stack(losses).mean()
+    first, second = torch.where(~torch.eye(count, dtype=torch.bool))
+    return cycle(embeddings[first], embeddings[second], times[first]).mean()
+
+
+def reconstruction(decoder: Any, nodes: torch.Tensor, graph: dict[str, torch.Tensor]) -> torch.Tensor:
+    """Box error plus class cross-entropy, decoded from nodes; every slot of the batch is filled."""
+    decoded = perceptron(decoder, nodes)
+    boxes = (decoded[..., :4] - graph["boxes"]).square().mean()
+    return boxes - (graph["classes"] * torch.log_softmax(decoded[..., 4:], -1)).sum(-1).mean()
+
+
+def torch_step(hyper: PretrainHyper, params: Any, batch: tuple, pair_by_pair: bool) -> tuple[Callable[[], None], float]:
+    """The same step in PyTorch, and the loss before the first."""
+    leaves: list[torch.Tensor] = []
+
+    def leaf(array: Any) -> torch.Tensor:
+        leaves.append(torch.tensor(np.asarray(array), requires_grad=True))
+        return leaves[-1]
+
+    def layers(perceptron: Any) -> list[tuple[torch.Tensor, torch.Tensor]]:
+        return [(leaf(layer["weight"]), leaf(layer["bias"])) for layer in perceptron]
+
+    encoder = params["encoder"]
+    ours = {
+        "input": layers(encoder["input"]),
+        "layers": [{name: leaf(value) for name, value in layer.items()} for layer in encoder["layers"]],
+        "head": layers(encoder["head"]),
+        "decoder": layers(params["decoder"]),
+    }
+    graph = {name: torch.tensor(np.asarray(value)) for name, value in vars(batch[0]).items()}
+    times = torch.tensor(np.asarray(batch[2]))
+    optimizer = torch.optim.AdamW(leaves, lr=float(hyper.learning_rate), weight_decay=float(hyper.weight_decay))
+
+    def loss() -> torch.Tensor:
+        nodes, embeddings = embed(ours, graph, hyper)
+        return float(hyper.tcc_weight) * tcc(embeddings, times, float(hyper.temperature), pair_by_pair) + float(
+            hyper.reconstruction_weight
+        ) * reconstruction(ours["decoder"], nodes, graph)
+
+    def run() -> None:
+        optimizer.zero_grad()
+        loss().backward()
+        torch.nn.utils.clip_grad_norm_(leaves, float(hyper.max_grad_norm))
+        optimizer.step()
+
+    return run, float(loss())
+
+
+def main() -> None:
+    """Compares the losses, measures, prints and writes."""
+    options = tyro.cli(Options, description=__doc__)
+    configure()
+    where = measured_on("pytorch") | {"torch": torch.__version__, "threads": torch.get_num_threads()}
+    objects = make_task("match_regions").objects
+    config, hyper = PretrainConfig(), as_float32(PretrainHyper())
+    state = pretrain.init(config, objects, jax.random.key(options.seed))
+    batch = jax.tree.map(jnp.asarray, batch_of(config, objects, options.seed))
+    steps = {
+        "jax": jax_step(config, hyper, state, batch),
+        "pytorch": torch_step(hyper, state.params, batch, False),
+        "pytorch_pair_by_pair": torch_step(hyper, state.params, batch, True),
+    }
+    losses = {name: loss for name, (_, loss) in steps.items()}
+    np.testing.assert_allclose(list(losses.values()), losses["jax"], rtol=1e-3)
+    seconds: dict[str, list[float]] = {name: [] for name in steps}
+    for repeat in range(options.repeats + 2):
+        for name, (step, _) in steps.items():
+            started = time.perf_counter()
+            step()
+            if repeat > 1:  # the first calls warm up
+                seconds[name].append(time.perf_counter() - started)
+    medians = {name: statistics.median(found) for name, found in seconds.items()}
+    report = {
+        "steps_per_second": {name: 1 / median for name, median in medians.items()},
+        "times_faster": {name: median / medians["jax"] for name, median in medians.items()},
+        "losses": losses,
+        "batch": [config.batch_size, config.num_frames, objects.num_slots],
+        "seconds": seconds,
+        **where,
+    }
+    write_json(OUT, report)
+    print({name: round(value, 2) for name, value in report["times_faster"].items()})
+
+
+if __name__ == "__main__":
+    main()

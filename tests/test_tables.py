@@ -1,0 +1,75 @@
+"""Tables I and II, the tuning behind them and throughput: what they make of finished runs and programs."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from benchmarks import table1, throughput, tuning
+from graphrl_jax.runs import Run, write_json
+
+
+def test_the_setting_that_orders_most_pairs_is_chosen(tmp_path, monkeypatch):
+    def member(rate: float, temperature: float, pairs: float) -> dict:
+        swept = {"pretrain.learning_rate": rate, "pretrain.temperature": temperature}
+        return {"swept": swept, "encoder": {"pair_accuracy": pairs, "kendall_tau": 1 - pairs}}
+
+    members = [member(1e-3, 0.1, 0.7), member(3e-3, 1.0, 0.9), member(3e-3, 0.1, 0.8)]
+    write_json(tmp_path / "sweep.json", {"members": members})
+    write_json(tmp_path / "config.json", {"first_seed": 100})
+    found = tuning.tuned(tmp_path)
+    assert found["chosen"] == {"learning_rate": 3e-3, "temperature": 1.0} and len(found["tried"]) == 3
+    monkeypatch.setattr(tuning, "RESULT", tmp_path / "tuning.json")
+    assert tuning.chosen("xirl") == {}
+    write_json(tmp_path / "tuning.json", {"rewards": {"xirl": found}})
+    assert tuning.chosen("xirl") == found["chosen"] and tuning.chosen("env") == {}
+
+
+def test_a_curve_counts_the_seconds_of_its_steps(tmp_path):
+    lines = [{"stage": "ppo", "env_steps": 100, "steps_per_s": 50, "success": 0.1},
+             {"stage": "ppo", "env_steps": 400, "steps_per_s": 100, "success": 0.6}]  # fmt: skip
+    (tmp_path / "metrics.jsonl").write_text("".join(json.dumps(line) + "\n" for line in lines))
+    found = table1.curve(Run(tmp_path))
+    assert found == {"env_steps": [100, 400], "seconds": [2.0, 5.0], "success": [0.1, 0.6]}
+
+
+def test_a_methods_row_is_the_mean_over_its_members():
+    row = table1.together([{"success_rate": 1.0, "mean_score": 1.0}, {"success_rate": 0.5, "mean_score": 0.8}])
+    assert row["success_rate"] == 0.75 and row["mean_score"] == pytest.approx(0.9)
+    low, high = row["success_interval_95"]
+    assert low < 0.5 and high == 1.0
+
+
+def test_unknown_methods_and_batches_are_refused():
+    with pytest.raises(ValueError, match="--methods 'bc'; allowed: graph, env, graphirl"):
+        table1.Options(methods=("bc",))
+    with pytest.raises(ValueError, match=r"num_envs is \(4, 0\); allowed: 1 or more"):
+        throughput.Options(num_envs=(4, 0))
+
+
+def test_rates_are_work_over_the_median_time():
+    x = jnp.ones(64)
+    found = throughput.measure({"physics": (jnp.sin, (x,)), "twice": (lambda x: jnp.cos(jnp.sin(x)), (x,))}, 10, 3)
+    seconds = {name: float(np.median(times)) for name, times in found["seconds"].items()}
+    assert all(len(times) == 3 for times in found["seconds"].values())
+    assert found["steps_per_second"]["twice"] == pytest.approx(10 / seconds["twice"])
+    assert found["of_physics"]["twice"] == pytest.approx(seconds["physics"] / seconds["twice"])
+    assert found["of_physics"]["physics"] == 1.0
+
+
+def test_pytorchs_loss_is_ours():
+    pytest.importorskip("torch", exc_type=ImportError)
+    from benchmarks import pytorch
+    from graphrl_jax import pretrain
+    from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
+    from graphrl_jax.task import make_task
+
+    objects, config = make_task("match_regions").objects, PretrainConfig(batch_size=3, num_frames=6)
+    state = pretrain.init(config, objects, jax.random.key(0))
+    batch = pytorch.batch_of(config, objects, 0)
+    _, expected = pytorch.jax_step(config, PretrainHyper(), state, batch)
+    for pair_by_pair in (False, True):
+        _, loss = pytorch.torch_step(PretrainHyper(), state.params, batch, pair_by_pair)
+        assert loss == pytest.approx(expected, rel=1e-4)
