@@ -3,13 +3,16 @@
     python -m benchmarks.table1 [--preset smoke] [--methods graph xirl] [--seeds 30 31 32] [--budget-minutes 60]
 
 Members (a method and a seed) are runs in `--out`, trained one after another, methods in turn, to share a budget.
-What is there already is used again, an interrupted member goes on, and several such commands may run beside each other
-if their methods or seeds differ. Floats of pretraining are those that `benchmarks.tuning` chose. Writes table1.json and
-the learning curves to `benchmarks/results` (smoke: to `--out`; gpu: table1_gpu), from all finished members.
+What is there already is used again, evaluations too, an interrupted member goes on, and several such commands may run
+beside each other if their methods or seeds differ; a budget of 0 trains nothing. Floats of pretraining are those that
+`benchmarks.tuning` chose. Writes table1.json and the learning curves to `benchmarks/results` (smoke: to `--out`; gpu:
+table1_gpu), from all finished members.
 """
 
 import time
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
@@ -81,6 +84,17 @@ def train_member(task: Task, options: Options, method: str, seed: int, path: Pat
         )
         Run.create(path, {"command": "train", "version": runs.VERSION, **asdict(settings)})
     train(Train(out=path, resume=True))
+
+
+def kept_judgement(path: Path, unseen: Callable[[], Demonstrations], options: Options) -> dict[str, Any]:
+    """`judged`, once for a policy and an evaluation seed; the folder keeps it."""
+    stamp = {"seed": options.evaluation_seed, "policy": (path / "policy.npz").stat().st_mtime_ns}
+    file = path / "table1.json"
+    if file.exists() and (kept := read_json(file))["of"] == stamp:
+        return kept["judged"]
+    found = judged(path, unseen(), options)
+    write_json(file, {"of": stamp, "judged": found})
+    return found
 
 
 def judged(path: Path, unseen: Demonstrations, options: Options) -> dict[str, Any]:
@@ -155,12 +169,12 @@ def main() -> None:
             late = options.budget_minutes is not None and spent > options.budget_minutes
             if not late and not (path / "summary.json").exists():
                 train_member(task, options, method, seed, path)
-    unseen = unseen_trajectories(task, options.evaluation_seed, picture_size(options))
+    unseen = cache(lambda: unseen_trajectories(task, options.evaluation_seed, picture_size(options)))
     methods: dict[str, dict[str, Any]] = {}
     for method in METHODS:
         finished = sorted(path.parent for path in options.out.glob(f"{method}_[0-9]*/summary.json"))
         if finished:
-            methods[method] = together([judged(path, unseen, options) for path in finished])
+            methods[method] = together([kept_judgement(path, unseen, options) for path in finished])
             print(method, {name: methods[method][name] for name in ("success_rate", "success_interval_95")})
     results = options.out if options.preset == "smoke" else RESULTS
     name = "table1_gpu" if options.preset == "gpu" else "table1"
