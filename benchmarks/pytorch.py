@@ -2,16 +2,17 @@
 
     pip install -e ".[bench]" && python -m benchmarks.pytorch
 
-What is timed is one optimiser step on a fixed batch (gradient of TCC and reconstruction, clipping, Adam), for JAX as
-`pretrain.step` makes it, for PyTorch eagerly, once with all pairs of sequences in one tensor and once pair by pair, as
-XIRL's released code runs. First the losses of both are compared. Both get the same cores. Writes
-benchmarks/results/pytorch.json.
+What is timed are optimiser steps on a fixed batch (gradient of TCC and reconstruction, clipping, Adam), for JAX as
+`pretrain.run` makes them, for PyTorch eagerly, once with all pairs of sequences in one tensor and once pair by pair, as
+XIRL's released code runs. First the losses of both are compared. Both get the same cores and take turns, several steps
+at a time: right after the other's, a step finds its threads still spinning. Writes benchmarks/results/pytorch.json.
 """
 
 import statistics
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,13 +23,12 @@ import torch  # pyright: ignore[reportMissingImports]
 import tyro
 
 from benchmarks.context import measured_on
+from benchmarks.scaling import made_up_batch
 from graphrl_jax import pretrain
 from graphrl_jax.compilation import configure
 from graphrl_jax.encoder import INPUT_SCALE
-from graphrl_jax.graph import Graph
-from graphrl_jax.optimizer import adam_update, clip_by_global_norm
 from graphrl_jax.ppo import as_float32
-from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
+from graphrl_jax.pretrain import PretrainConfig, PretrainHyper, PretrainState
 from graphrl_jax.runs import write_json
 from graphrl_jax.task import make_task
 
@@ -40,47 +40,36 @@ class Options:
     """Steps per second of both.
 
     Attributes:
-      repeats: timed steps of each; the median counts.
+      repeats: timed calls of each; the median counts.
+      steps: per call.
       seed: of parameters and batch.
     """
 
-    repeats: int = 20
+    repeats: int = 7
+    steps: int = 20
     seed: int = 0
 
 
-def batch_of(config: PretrainConfig, objects: Any, seed: int) -> tuple[Graph, jax.Array, jax.Array]:
-    """A batch of made-up graphs (b, F, ...) of a task's objects, frame mask (b, F) and times (b, F)."""
-    random = np.random.default_rng(seed)
-    shape = (config.batch_size, config.num_frames, objects.num_slots)
-    classes = np.eye(objects.num_classes, dtype=np.float32)[np.array(objects.class_ids)]
-    graph = Graph(
-        boxes=random.uniform(0, 1, (*shape, 4)).astype(np.float32),
-        mask=np.ones(shape, bool),
-        classes=np.broadcast_to(classes, (*shape, objects.num_classes)).copy(),
-        robot=np.broadcast_to(np.array(objects.is_robot), shape).copy(),
-        active=random.uniform(size=shape) < 0.5,
-    )
-    times = np.sort(random.uniform(size=shape[:2]).astype(np.float32), axis=1)
-    return graph, np.ones(shape[:2], bool), times
+def jax_steps(config: PretrainConfig, hyper: PretrainHyper, state: Any, batch: tuple, count: int) -> Callable[[], None]:
+    """A call that goes on by `count` steps, in one program as `pretrain.run` makes them."""
+
+    @partial(jax.jit, donate_argnums=0)
+    def run(state: PretrainState) -> PretrainState:
+        return jax.lax.scan(
+            lambda now, _: (pretrain.optimise(config, hyper, now, batch)[0], None), state, length=count
+        )[0]
+
+    now = [jax.tree.map(jnp.copy, state)]
+
+    def call() -> None:
+        now[0] = jax.block_until_ready(run(now[0]))
+
+    return call
 
 
-def jax_step(config: PretrainConfig, hyper: PretrainHyper, state: Any, batch: tuple) -> tuple[Callable[[], Any], float]:
-    """An optimiser step that goes on from the last one, and the loss before the first."""
-
-    @jax.jit
-    def step(params: Any, optimizer: Any) -> tuple[Any, Any, jax.Array]:
-        grads, metrics = jax.grad(pretrain._loss, has_aux=True)(params, config, hyper, *batch)
-        grads, _ = clip_by_global_norm(grads, hyper.max_grad_norm)
-        params, optimizer = adam_update(grads, optimizer, params, hyper.learning_rate, weight_decay=hyper.weight_decay)
-        return params, optimizer, metrics["loss"]
-
-    now = [state.params, state.optimizer]
-
-    def run() -> None:
-        now[0], now[1], loss = step(*now)
-        loss.block_until_ready()
-
-    return run, float(step(*now)[2])
+def jax_loss(config: PretrainConfig, hyper: PretrainHyper, state: Any, batch: tuple) -> float:
+    """The loss before the first step."""
+    return float(jax.jit(partial(pretrain.optimise, config))(hyper, state, batch)[1]["loss"])
 
 
 def perceptron(layers: list[tuple[torch.Tensor, torch.Tensor]], inputs: torch.Tensor) -> torch.Tensor:
@@ -139,8 +128,10 @@ def reconstruction(decoder: Any, nodes: torch.Tensor, graph: dict[str, torch.Ten
     return boxes - (graph["classes"] * torch.log_softmax(decoded[..., 4:], -1)).sum(-1).mean()
 
 
-def torch_step(hyper: PretrainHyper, params: Any, batch: tuple, pair_by_pair: bool) -> tuple[Callable[[], None], float]:
-    """The same step in PyTorch, and the loss before the first."""
+def torch_steps(
+    hyper: PretrainHyper, params: Any, batch: tuple, pair_by_pair: bool, count: int
+) -> tuple[Callable[[], None], float]:
+    """The same in PyTorch, and the loss before the first step."""
     leaves: list[torch.Tensor] = []
 
     def leaf(array: Any) -> torch.Tensor:
@@ -167,13 +158,14 @@ def torch_step(hyper: PretrainHyper, params: Any, batch: tuple, pair_by_pair: bo
             hyper.reconstruction_weight
         ) * reconstruction(ours["decoder"], nodes, graph)
 
-    def run() -> None:
-        optimizer.zero_grad()
-        loss().backward()
-        torch.nn.utils.clip_grad_norm_(leaves, float(hyper.max_grad_norm))
-        optimizer.step()
+    def call() -> None:
+        for _ in range(count):
+            optimizer.zero_grad()
+            loss().backward()
+            torch.nn.utils.clip_grad_norm_(leaves, float(hyper.max_grad_norm))
+            optimizer.step()
 
-    return run, float(loss())
+    return call, float(loss())
 
 
 def main() -> None:
@@ -184,21 +176,23 @@ def main() -> None:
     objects = make_task("match_regions").objects
     config, hyper = PretrainConfig(), as_float32(PretrainHyper())
     state = pretrain.init(config, objects, jax.random.key(options.seed))
-    batch = jax.tree.map(jnp.asarray, batch_of(config, objects, options.seed))
-    steps = {
-        "jax": jax_step(config, hyper, state, batch),
-        "pytorch": torch_step(hyper, state.params, batch, False),
-        "pytorch_pair_by_pair": torch_step(hyper, state.params, batch, True),
-    }
-    losses = {name: loss for name, (_, loss) in steps.items()}
+    batch, count = made_up_batch(config, objects, options.seed), options.steps
+    all_pairs, loss = torch_steps(hyper, state.params, batch, False, count)
+    by_pair, same_loss = torch_steps(hyper, state.params, batch, True, count)
+    losses = {"jax": jax_loss(config, hyper, state, batch), "pytorch": loss, "pytorch_pair_by_pair": same_loss}
     np.testing.assert_allclose(list(losses.values()), losses["jax"], rtol=1e-3)
-    seconds: dict[str, list[float]] = {name: [] for name in steps}
-    for repeat in range(options.repeats + 2):
-        for name, (step, _) in steps.items():
+    calls = {
+        "jax": jax_steps(config, hyper, state, batch, count),
+        "pytorch": all_pairs,
+        "pytorch_pair_by_pair": by_pair,
+    }
+    seconds: dict[str, list[float]] = {name: [] for name in calls}
+    for repeat in range(options.repeats + 1):
+        for name, call in calls.items():
             started = time.perf_counter()
-            step()
-            if repeat > 1:  # the first calls warm up
-                seconds[name].append(time.perf_counter() - started)
+            call()
+            if repeat:  # the first call of each warms up
+                seconds[name].append((time.perf_counter() - started) / count)
     medians = {name: statistics.median(found) for name, found in seconds.items()}
     report = {
         "steps_per_second": {name: 1 / median for name, median in medians.items()},

@@ -219,7 +219,13 @@ def throughput_table() -> str:
         largest = batches[-1]
         cells += [f"{largest['compile_s'][name]:.0f}", f"{largest['memory_mib'][name]:,.0f}"]
         rows.append(f"| {label} | {' | '.join(cells)} |")
-    return "\n".join([*rows, "", f"Compile time and memory with most environments {_where(result)}"])
+    return "\n".join(
+        [
+            *rows,
+            "",
+            f"Compile time ({result['compilation_cache']} cache) and memory with most environments {_where(result)}",
+        ]
+    )
 
 
 def pytorch_table() -> str:
@@ -235,6 +241,27 @@ def pytorch_table() -> str:
     rows = ["| pretraining, same network, loss and batch | steps/s | time per step, here = 1 |", "|---|---|---|"]
     for name, label in names.items():
         rows.append(f"| {label} | {result['steps_per_second'][name]:.1f} | {result['times_faster'][name]:.1f} |")
+    return "\n".join([*rows, "", _where(result)])
+
+
+def sweeps_table() -> str:
+    """Time of a sweep's training beside that of as many separate runs."""
+    result = _result("sweeps")
+    if result is None:
+        return ""
+    rows = [
+        "| training, compiling included | members | together (s) | one by one (s) | ratio | compiling: together, one by "
+        "one (s) | largest difference between their curves |",
+        "|---" * 7 + "|",
+    ]
+    labels = [f"encoders, {found['steps']} steps" for found in result["encoders"]] + ["policies, smoke size"]
+    for label, found in zip(labels, [*result["encoders"], result["policies"]], strict=True):
+        seconds, compiling = found["seconds"], found["compiling"]
+        rows.append(
+            f"| {label} | {found['members']} | {seconds['together']:.0f} | {seconds['alone']:.0f} "
+            f"| {found['of_separate_runs']:.2f} | {compiling['together']:.0f}, {compiling['alone']:.0f} "
+            f"| {found['largest_difference']:.1e} |"
+        )
     return "\n".join([*rows, "", _where(result)])
 
 
@@ -316,6 +343,7 @@ BLOCKS: dict[str, tuple[Callable[[], str], ...]] = {
     "variants": (variants_table,),
     "Shoes in Box": (discrimination_table, failures_table, stages_table),
     "human demonstrations": (human_table, fidelity_table),
+    "sweeps": (sweeps_table,),
 }
 
 

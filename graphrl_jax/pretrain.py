@@ -8,7 +8,7 @@
 `train`, and a new value compiles nothing.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -299,21 +299,17 @@ def _loss(
     return loss, {"loss": loss, **parts}
 
 
-def step(
-    config: PretrainConfig, hyper: PretrainHyper, data: PretrainData, motions: Motion, state: PretrainState
+def optimise(
+    config: PretrainConfig,
+    hyper: PretrainHyper,
+    state: PretrainState,
+    batch: tuple[Seen, jax.Array, jax.Array],
 ) -> tuple[PretrainState, Metrics]:
-    """One optimiser step.
-
-    Args:
-      config, hyper, data: see their classes.
-      motions: `Motion` of every demonstration, at the full frame rate.
-      state: the state before.
+    """One optimiser step on a batch: what is seen (b, F, ...), frame mask (b, F) and times (b, F).
 
     Returns:
-      The state after, and scalars: loss, tcc, box, class, grad_norm, learning_rate.
+      The state after, its key untouched, and scalars: loss, tcc, box, class, grad_norm, learning_rate.
     """
-    batch_key, next_key = jax.random.split(state.key)
-    batch = _sample_batch(config, hyper, data, motions, batch_key)
     grads, metrics = jax.grad(_loss, has_aux=True)(state.params, config, hyper, *batch)
     grads, grad_norm = clip_by_global_norm(grads, hyper.max_grad_norm)
     learning_rate = warmup_cosine(
@@ -323,7 +319,25 @@ def step(
         grads, state.optimizer, state.params, learning_rate, weight_decay=hyper.weight_decay
     )
     metrics = {**metrics, "grad_norm": grad_norm, "learning_rate": learning_rate}
-    return PretrainState(params, optimizer, next_key), metrics
+    return PretrainState(params, optimizer, state.key), metrics
+
+
+def step(
+    config: PretrainConfig, hyper: PretrainHyper, data: PretrainData, motions: Motion, state: PretrainState
+) -> tuple[PretrainState, Metrics]:
+    """One optimiser step on a batch drawn by the state's key.
+
+    Args:
+      config, hyper, data: see their classes.
+      motions: `Motion` of every demonstration, at the full frame rate.
+      state: the state before.
+
+    Returns:
+      See `optimise`; the key has moved on.
+    """
+    batch_key, next_key = jax.random.split(state.key)
+    batch = _sample_batch(config, hyper, data, motions, batch_key)
+    return optimise(config, hyper, replace(state, key=next_key), batch)
 
 
 @partial(jax.jit, static_argnames=("config", "num_steps"))

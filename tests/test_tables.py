@@ -1,13 +1,16 @@
 """Tables I and II, the tuning behind them and throughput: what they make of finished runs and programs."""
 
 import json
+import time
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks import table1, throughput, tuning
+from benchmarks import scaling, sweeps, table1, throughput, tuning
+from graphrl_jax.compilation import CompileLog
+from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.runs import Run, write_json
 
 
@@ -63,13 +66,47 @@ def test_pytorchs_loss_is_ours():
     pytest.importorskip("torch", exc_type=ImportError)
     from benchmarks import pytorch
     from graphrl_jax import pretrain
-    from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
     from graphrl_jax.task import make_task
 
     objects, config = make_task("match_regions").objects, PretrainConfig(batch_size=3, num_frames=6)
     state = pretrain.init(config, objects, jax.random.key(0))
-    batch = pytorch.batch_of(config, objects, 0)
-    _, expected = pytorch.jax_step(config, PretrainHyper(), state, batch)
+    batch = scaling.made_up_batch(config, objects, 0)
+    expected = pytorch.jax_loss(config, PretrainHyper(), state, batch)
     for pair_by_pair in (False, True):
-        _, loss = pytorch.torch_step(PretrainHyper(), state.params, batch, pair_by_pair)
+        _, loss = pytorch.torch_steps(PretrainHyper(), state.params, batch, pair_by_pair, 1)
         assert loss == pytest.approx(expected, rel=1e-4)
+
+
+def test_a_batch_of_made_up_graphs_has_the_shapes_of_a_training():
+    objects, config = scaling.table_of(9), PretrainConfig(batch_size=3, num_frames=6)
+    graph, mask, times = scaling.made_up_batch(config, objects, 0)
+    assert graph.boxes.shape == (3, 6, 9, 4) and graph.classes.shape == (3, 6, 9, scaling.CLASSES)
+    assert mask.shape == times.shape == (3, 6) and bool(mask.all()) and (jnp.diff(times, axis=1) >= 0).all()
+    assert graph.classes.sum(-1).min() == 1 and graph.robot.sum(-1).max() == 1
+
+
+class Curve:
+    """Stands for a run with two log lines."""
+
+    def __init__(self, values: list[float]) -> None:
+        self.run = self
+        self.values = values
+
+    def records(self, stage: str) -> list[dict]:
+        return [{"stage": stage, "loss": value} for value in self.values]
+
+
+def test_a_sweep_is_compared_with_its_members_alone():
+    trained = []
+
+    def make_jobs(name: str) -> list[Curve]:
+        return [Curve([4.0, 1.0]), Curve([2.0, 1.0 if name == "alone" else 1.2])]
+
+    def train(jobs: list[Curve]) -> None:
+        time.sleep(0.05)
+        trained.append(len(jobs))
+
+    found = sweeps.compared(make_jobs, train, CompileLog(), "pretrain")
+    assert trained == [2, 1, 1] and found["members"] == 2
+    assert found["of_separate_runs"] == pytest.approx(0.5, abs=0.1)
+    assert found["largest_difference"] == pytest.approx(0.2 / 4)

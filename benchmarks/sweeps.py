@@ -1,0 +1,160 @@
+"""A sweep beside as many separate runs: the time of training, compiling included, and whether the numbers agree.
+
+    python -m benchmarks.sweeps [--encoder-steps 40 300] [--policies 8]
+
+    encoders  5 alphas x 3 seeds with the default sizes, for each number of steps
+    policies  of the smoke size, on rewards of their own
+
+What is timed is `training.train_encoders` and `training.train_policies`, once for all members and then for one after
+the other, each time with nothing compiled and no cache on disk, as on a machine's first run. Making demonstrations and
+judging results take the same either way and are left out. Writes benchmarks/results/sweeps.json.
+"""
+
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import jax
+import numpy as np
+import tyro
+
+from benchmarks.context import measured_on
+from benchmarks.throughput import random_reward
+from graphrl_jax import pipeline
+from graphrl_jax.compilation import CompileLog, configure
+from graphrl_jax.pretrain import PretrainHyper
+from graphrl_jax.progress import Progress
+from graphrl_jax.runs import VERSION, Run, write_json
+from graphrl_jax.settings import Settings
+from graphrl_jax.task import Task, make_task
+from graphrl_jax.training import EncoderJob, PolicyJob, train_encoders, train_policies
+
+TASK = "match_regions"
+ALPHAS = (1.0, 2.0, 4.0, 8.0, 16.0)
+SEEDS = (0, 1, 2)
+MEASURES = {"pretrain": "loss", "ppo": "reward"}
+
+
+class Job(Protocol):
+    """What is trained has a folder with log lines."""
+
+    @property
+    def run(self) -> Run: ...
+
+
+@dataclass(frozen=True)
+class Options:
+    """A sweep beside separate runs.
+
+    Attributes:
+      encoder_steps: numbers of optimiser steps, each measured.
+      policies: members of the sweep of policies.
+      out: where the numbers go.
+    """
+
+    encoder_steps: tuple[int, ...] = (40, 300)
+    policies: int = 8
+    out: Path = Path("benchmarks/results/sweeps.json")
+
+
+def compared(
+    make_jobs: Callable[[str], Sequence[Job]], train: Callable[[Sequence[Any]], Any], log: CompileLog, stage: str
+) -> dict[str, Any]:
+    """Trains all jobs at once, then one by one.
+
+    Args:
+      make_jobs: jobs with folders under a name.
+      train: trains some jobs.
+      log: counts the seconds spent compiling.
+      stage: of the log lines that members are compared by, `pretrain` (the loss) or `ppo` (the reward).
+
+    Returns:
+      seconds of both and their ratio, those spent compiling, and the largest difference between a member's curve and
+      that of the same job alone, as a share of the curve's greatest value.
+    """
+    seconds, compiling, curves = {}, {}, {}
+    for name in ("together", "alone"):
+        jobs = make_jobs(name)
+        seconds[name] = compiling[name] = 0.0
+        for group in [jobs] if name == "together" else [[job] for job in jobs]:
+            jax.clear_caches()
+            before, started = log.seconds, time.perf_counter()
+            train(group)
+            seconds[name] += time.perf_counter() - started
+            compiling[name] += log.seconds - before
+        curves[name] = np.array([[line[MEASURES[stage]] for line in job.run.records(stage)] for job in jobs])
+    together, alone = curves["together"], curves["alone"]
+    return {
+        "members": len(together),
+        "seconds": seconds,
+        "of_separate_runs": seconds["together"] / seconds["alone"],
+        "compiling": compiling,
+        "largest_difference": float(np.max(np.abs(together - alone)) / np.max(np.abs(alone))),
+    }
+
+
+def folder(path: Path, settings: Settings) -> Run:
+    """A run's folder as `train.py` makes it."""
+    return Run.create(path, {"command": "train", "version": VERSION, **asdict(settings)})
+
+
+def encoders(task: Task, steps: int, log: CompileLog, root: Path) -> dict[str, Any]:
+    """Encoders of five alphas and three seeds."""
+    settings = [Settings(task=TASK, preset="cpu", seed=seed, encoder_steps=steps) for seed in SEEDS]
+    demos = [pipeline.make_demonstrations(task, one) for one in settings]
+
+    def make_jobs(name: str) -> list[EncoderJob]:
+        return [
+            EncoderJob(folder(root / name / f"{alpha:g}_{one.seed}", one), shown, PretrainHyper(alpha=alpha), one.seed)
+            for alpha in ALPHAS
+            for one, shown in zip(settings, demos, strict=True)
+        ]
+
+    def train(jobs: Sequence[EncoderJob]) -> None:
+        with Progress() as progress:
+            train_encoders(jobs, settings[0].pretraining, progress)
+
+    return {"steps": steps, **compared(make_jobs, train, log, "pretrain")}
+
+
+def policies(task: Task, count: int, log: CompileLog, root: Path) -> dict[str, Any]:
+    """Policies of several seeds, each on a reward of its own."""
+    settings = [Settings(task=TASK, preset="smoke", seed=seed) for seed in range(count)]
+    rewards = [random_reward(task, jax.random.key(seed)) for seed in range(count)]
+
+    def make_jobs(name: str) -> list[PolicyJob]:
+        return [
+            PolicyJob(folder(root / name / str(one.seed), one), one, reward)
+            for one, reward in zip(settings, rewards, strict=True)
+        ]
+
+    def train(jobs: Sequence[PolicyJob]) -> None:
+        with Progress() as progress:
+            train_policies(jobs, task, progress, jobs[0].run.path.parent if len(jobs) > 1 else None)
+
+    updates = settings[0].sizes.updates
+    return {"updates": updates, **compared(make_jobs, train, log, "ppo")}
+
+
+def main() -> None:
+    """Measures, prints and writes."""
+    options = tyro.cli(Options, description=__doc__)
+    log = configure()
+    jax.config.update("jax_enable_compilation_cache", False)
+    where = measured_on("sweeps")
+    task = make_task(TASK)
+    report: dict[str, Any] = {"encoders": []}
+    with tempfile.TemporaryDirectory() as root:
+        report["policies"] = policies(task, options.policies, log, Path(root) / "policies")
+        print("policies", report["policies"], flush=True)
+        for steps in options.encoder_steps:
+            report["encoders"].append(encoders(task, steps, log, Path(root) / f"encoders_{steps}"))
+            print("encoders", report["encoders"][-1], flush=True)
+    write_json(options.out, report | where)
+
+
+if __name__ == "__main__":
+    main()
