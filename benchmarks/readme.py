@@ -250,8 +250,8 @@ def sweeps_table() -> str:
     if result is None:
         return ""
     rows = [
-        "| training, compiling included | members | together (s) | one by one (s) | ratio | compiling: together, one by "
-        "one (s) | largest difference between their curves |",
+        "| training, compiling included | members | together (s) | one by one (s) | ratio | compiling: together, one "
+        "by one (s) | largest difference between their curves |",
         "|---" * 7 + "|",
     ]
     labels = [f"encoders, {found['steps']} steps" for found in result["encoders"]] + ["policies, smoke size"]

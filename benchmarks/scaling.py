@@ -57,7 +57,7 @@ class Options:
     def __post_init__(self) -> None:
         for name in ("nodes", "frames", "members", "repeats"):
             least = {"nodes": 2, "frames": 2}.get(name, 1)
-            if np.min(getattr(self, name), initial=np.inf) < least or not getattr(self, name):
+            if np.size(getattr(self, name)) == 0 or np.min(getattr(self, name)) < least:
                 raise ValueError(f"{name} is {getattr(self, name)}; allowed: {least} or more")
 
 

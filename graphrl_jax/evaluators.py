@@ -14,7 +14,7 @@ import numpy as np
 from jax.typing import ArrayLike
 from scipy.stats import t as student
 
-from graphrl_jax.tcc import squared_distances
+from graphrl_jax.tcc import matching_logits
 
 
 def kendall_tau(embeddings: ArrayLike, lengths: ArrayLike) -> float:
@@ -89,7 +89,7 @@ def _neighbours(embeddings: jax.Array, lengths: jax.Array) -> jax.Array:
     embeddings = jnp.where(real[..., None], embeddings, 0.0)
 
     def nearest(u: jax.Array, v: jax.Array, v_real: jax.Array) -> jax.Array:
-        return jnp.argmin(jnp.where(v_real[None, :], squared_distances(u, v), jnp.inf), axis=-1)
+        return jnp.argmax(matching_logits(u, v, v_real, 1.0), axis=-1)
 
     # A loop over u: all B^2 distance matrices at once are (64, 64, 121, 121) for an ordinary data set.
     return jax.lax.map(lambda u: jax.vmap(nearest, in_axes=(None, 0, 0))(u, embeddings, real), embeddings)

@@ -24,19 +24,29 @@ VARIANCE_EPSILON = 1e-6
 _MASKED_LOGIT = -1e30
 
 
-def squared_distances(a: jax.Array, b: jax.Array) -> jax.Array:
-    """||a_i - b_j||^2: (T, D), (S, D) -> (T, S) float32."""
-    # Full precision: accelerators round the factors of a matrix product, and the difference below magnifies that.
-    products = jnp.matmul(a, b.T, precision=jax.lax.Precision.HIGHEST)
-    squares = jnp.sum(a**2, axis=-1)[:, None] + jnp.sum(b**2, axis=-1)[None, :]
-    return jnp.maximum(squares - 2.0 * products, 0.0)
+def matching_logits(a: jax.Array, b: jax.Array, b_mask: jax.Array, scale: ArrayLike) -> jax.Array:
+    """Logits, for a softmax over j, of how alike a_i and b_j are: -scale ||a_i - b_j||^2 but for ||a_i||^2.
+
+    What is constant along a row changes no softmax; without it there is less to compute per pair, and its gradient.
+
+    Args:
+      a, b: (T, D) and (S, D) float32.
+      b_mask: (S,) bool, False for padding.
+      scale: of squared distances.
+
+    Returns:
+      (T, S) float32; padded j have a logit of about minus infinity.
+    """
+    offsets = jnp.where(b_mask, -scale * jnp.sum(b**2, axis=-1), _MASKED_LOGIT)
+    # Full precision: accelerators round the factors of a matrix product, and a softmax magnifies that.
+    return jnp.matmul(2.0 * scale * a, b.T, precision=jax.lax.Precision.HIGHEST) + offsets[None, :]
 
 
 def cycle_logits(u: jax.Array, v: jax.Array, u_mask: jax.Array, v_mask: jax.Array, temperature: ArrayLike) -> jax.Array:
     """Logits of cycling back from frame i of u, by way of its soft nearest neighbour in v, to frame k of u.
 
     s(a, b) = -||a - b||^2 / (D temperature); p_ij = softmax_j s(u_i, v_j); nn_i = sum_j p_ij v_j; the result is
-    s(nn_i, u_k).
+    s(nn_i, u_k), but for what is constant along k.
 
     Args:
       u, v: (T, D) and (S, D) float32.
@@ -49,9 +59,9 @@ def cycle_logits(u: jax.Array, v: jax.Array, u_mask: jax.Array, v_mask: jax.Arra
     scale = 1.0 / (u.shape[-1] * jnp.asarray(temperature, jnp.float32))
     u = jnp.where(u_mask[:, None], u, 0.0)
     v = jnp.where(v_mask[:, None], v, 0.0)
-    forth = jnp.where(v_mask[None, :], -scale * squared_distances(u, v), _MASKED_LOGIT)
-    neighbours = jnp.matmul(jax.nn.softmax(forth, axis=-1), v, precision=jax.lax.Precision.HIGHEST)
-    return jnp.where(u_mask[None, :], -scale * squared_distances(neighbours, u), _MASKED_LOGIT)
+    matches = jax.nn.softmax(matching_logits(u, v, v_mask, scale), axis=-1)
+    neighbours = jnp.matmul(matches, v, precision=jax.lax.Precision.HIGHEST)
+    return matching_logits(neighbours, u, u_mask, scale)
 
 
 def cycle_loss(
