@@ -33,7 +33,7 @@ RESULTS = Path("benchmarks/results")
 KEPT = ("env_steps", "train_steps_per_s", "wall_s", "compile_s", "training_seed", "resumed", "device")
 CURVES = {
     "success": "success, training episodes",
-    "graph_reward": "learned reward, mean per step",
+    "learned_reward": "learned reward, mean per step",
     "env_reward": "environmental reward, mean per step",
 }
 

@@ -1,13 +1,15 @@
-"""Pretraining steps per second beside PyTorch: the same network, the same loss, the same batch, one after the other.
+"""Pretraining steps per second beside PyTorch: the same network, the same loss, the same batches, in turns.
 
     pip install -e ".[bench]" && python -m benchmarks.pytorch
 
-What is timed are optimiser steps on a fixed batch (gradient of TCC and reconstruction, clipping, Adam), for JAX as
-`pretrain.run` makes them, for PyTorch eagerly, once with all pairs of sequences in one tensor and once pair by pair, as
-XIRL's released code runs. First the losses of both are compared. Both get the same cores and take turns, several steps
-at a time: right after the other's, a step finds its threads still spinning. Writes benchmarks/results/pytorch.json.
+What is timed are optimiser steps (gradient of TCC and reconstruction, clipping, Adam), for JAX as `pretrain.run` makes
+them, for PyTorch eagerly, once with all pairs of sequences in one tensor and once pair by pair, as XIRL's released code
+runs. Both are on the CPU, with the same threads and the same formulas. Compared first are the losses, before and after
+as many steps as a call makes. They take turns several steps at a time: right after the other's, a step finds its
+threads still spinning. Writes benchmarks/results/pytorch.json.
 """
 
+import os
 import statistics
 import time
 from collections.abc import Callable
@@ -27,12 +29,16 @@ from benchmarks.scaling import made_up_batch
 from graphrl_jax import pretrain
 from graphrl_jax.compilation import configure
 from graphrl_jax.encoder import INPUT_SCALE
+from graphrl_jax.graph import Graph, ObjectTable
 from graphrl_jax.ppo import as_float32
 from graphrl_jax.pretrain import PretrainConfig, PretrainHyper, PretrainState
 from graphrl_jax.runs import write_json
 from graphrl_jax.task import make_task
 
 OUT = Path("benchmarks/results/pytorch.json")
+
+Batch = tuple[Graph, jax.Array, jax.Array]
+"""Graphs (b, F, ...), frame mask (b, F) and times (b, F)."""
 
 
 @dataclass(frozen=True)
@@ -50,26 +56,24 @@ class Options:
     seed: int = 0
 
 
-def jax_steps(config: PretrainConfig, hyper: PretrainHyper, state: Any, batch: tuple, count: int) -> Callable[[], None]:
-    """A call that goes on by `count` steps, in one program as `pretrain.run` makes them."""
+def jax_steps(config: PretrainConfig, hyper: PretrainHyper, state: Any, batches: list[Batch]) -> Callable[[], float]:
+    """A call that goes on by a step per batch, in one program as in `pretrain.run`, and returns the last loss."""
 
     @partial(jax.jit, donate_argnums=0)
-    def run(state: PretrainState) -> PretrainState:
-        return jax.lax.scan(
-            lambda now, _: (pretrain.optimise(config, hyper, now, batch)[0], None), state, length=count
-        )[0]
+    def run(state: PretrainState, batches: Batch) -> tuple[PretrainState, jax.Array]:
+        def step(now: PretrainState, batch: Batch) -> tuple[PretrainState, jax.Array]:
+            now, metrics = pretrain.optimise(config, hyper, now, batch)
+            return now, metrics["loss"]
 
-    now = [jax.tree.map(jnp.copy, state)]
+        return jax.lax.scan(step, state, batches)
 
-    def call() -> None:
-        now[0] = jax.block_until_ready(run(now[0]))
+    now, stacked = [jax.tree.map(jnp.copy, state)], jax.tree.map(lambda *leaves: jnp.stack(leaves), *batches)
+
+    def call() -> float:
+        now[0], losses = run(now[0], stacked)
+        return float(losses[-1])
 
     return call
-
-
-def jax_loss(config: PretrainConfig, hyper: PretrainHyper, state: Any, batch: tuple) -> float:
-    """The loss before the first step."""
-    return float(jax.jit(partial(pretrain.optimise, config))(hyper, state, batch)[1]["loss"])
 
 
 def perceptron(layers: list[tuple[torch.Tensor, torch.Tensor]], inputs: torch.Tensor) -> torch.Tensor:
@@ -80,19 +84,19 @@ def perceptron(layers: list[tuple[torch.Tensor, torch.Tensor]], inputs: torch.Te
 
 
 def embed(params: dict[str, Any], graph: dict[str, torch.Tensor], hyper: PretrainHyper) -> tuple[torch.Tensor, ...]:
-    """Node and graph embeddings of graphs (b, F, ...): messages as ordinary edge perceptrons, Eq. 1-2, head."""
+    """Node and graph embeddings of graphs (b, F, ...): messages factored as in `encoder.py`, Eq. 1-2, head."""
     boxes, mask = graph["boxes"], graph["mask"]
-    centres = boxes[..., :2]
+    centres = INPUT_SCALE * boxes[..., :2]
     offsets = centres[..., None, :, :] - centres[..., :, None, :]
-    distance = offsets.square().sum(-1, keepdim=True).clamp_min(1e-12).sqrt()
-    edges = INPUT_SCALE * torch.cat([offsets, distance], -1)
+    distances = offsets.square().sum(-1, keepdim=True).clamp_min(1e-12).sqrt()
     others = mask[..., None, :] & ~torch.eye(mask.shape[-1], dtype=torch.bool)
     weights = others.float() / others.float().sum(-1, keepdim=True).clamp_min(1.0)
     nodes = torch.relu(perceptron(params["input"], torch.cat([graph["classes"], INPUT_SCALE * (boxes - 0.5)], -1)))
     for layer in params["layers"]:
-        pairs = (nodes @ layer["receiver"] + layer["message_bias"])[..., :, None, :]
-        pairs = pairs + (nodes @ layer["sender"])[..., None, :, :] + edges @ layer["edge"]
-        messages = (weights[..., None] * torch.relu(pairs)).sum(-2)
+        places = centres @ layer["edge"][:2]
+        pairs = (nodes @ layer["receiver"] + layer["message_bias"] - places)[..., :, None, :]
+        pairs = pairs + (nodes @ layer["sender"] + places)[..., None, :, :] + distances * layer["edge"][2]
+        messages = torch.einsum("...ij,...ijh->...ih", weights, torch.relu(pairs))
         update = torch.relu(nodes @ layer["own"] + messages @ layer["messages"] + layer["update_bias"])
         nodes = nodes + update @ layer["output"]
     shares = (1 + (float(hyper.alpha) - 1) * graph["active"].float()) * (~graph["robot"]).float() * mask.float()
@@ -104,14 +108,14 @@ def embed(params: dict[str, Any], graph: dict[str, torch.Tensor], hyper: Pretrai
 def tcc(embeddings: torch.Tensor, times: torch.Tensor, temperature: float, pair_by_pair: bool) -> torch.Tensor:
     """Soft temporal cycle-consistency, `regression_mse`, of embeddings (b, F, D) over all ordered pairs."""
     count, _, size = embeddings.shape
+    scale = 1 / (size * temperature)
 
-    def similarity(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-        squares = a.square().sum(-1)[..., :, None] + b.square().sum(-1)[..., None, :] - 2 * a @ b.transpose(-1, -2)
-        return -squares / (size * temperature)
+    def logits(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
+        return 2 * scale * a @ b.transpose(-1, -2) - scale * b.square().sum(-1)[..., None, :]
 
     def cycle(u: torch.Tensor, v: torch.Tensor, u_times: torch.Tensor) -> torch.Tensor:
-        nearest = torch.softmax(similarity(u, v), -1) @ v
-        back = torch.softmax(similarity(nearest, u), -1)
+        nearest = torch.softmax(logits(u, v), -1) @ v
+        back = torch.softmax(logits(nearest, u), -1)
         return ((back @ u_times[..., None])[..., 0] - u_times).square().mean(-1)
 
     if pair_by_pair:
@@ -128,10 +132,8 @@ def reconstruction(decoder: Any, nodes: torch.Tensor, graph: dict[str, torch.Ten
     return boxes - (graph["classes"] * torch.log_softmax(decoded[..., 4:], -1)).sum(-1).mean()
 
 
-def torch_steps(
-    hyper: PretrainHyper, params: Any, batch: tuple, pair_by_pair: bool, count: int
-) -> tuple[Callable[[], None], float]:
-    """The same in PyTorch, and the loss before the first step."""
+def torch_steps(hyper: PretrainHyper, params: Any, batches: list[Batch], pair_by_pair: bool) -> Callable[[], float]:
+    """The same in PyTorch."""
     leaves: list[torch.Tensor] = []
 
     def leaf(array: Any) -> torch.Tensor:
@@ -148,51 +150,70 @@ def torch_steps(
         "head": layers(encoder["head"]),
         "decoder": layers(params["decoder"]),
     }
-    graph = {name: torch.tensor(np.asarray(value)) for name, value in vars(batch[0]).items()}
-    times = torch.tensor(np.asarray(batch[2]))
+    seen = [
+        (
+            {name: torch.tensor(np.asarray(value)) for name, value in vars(graph).items()},
+            torch.tensor(np.asarray(times)),
+        )
+        for graph, _, times in batches
+    ]
     optimizer = torch.optim.AdamW(leaves, lr=float(hyper.learning_rate), weight_decay=float(hyper.weight_decay))
 
-    def loss() -> torch.Tensor:
+    def loss(graph: dict[str, torch.Tensor], times: torch.Tensor) -> torch.Tensor:
         nodes, embeddings = embed(ours, graph, hyper)
         return float(hyper.tcc_weight) * tcc(embeddings, times, float(hyper.temperature), pair_by_pair) + float(
             hyper.reconstruction_weight
         ) * reconstruction(ours["decoder"], nodes, graph)
 
-    def call() -> None:
-        for _ in range(count):
+    def call() -> float:
+        last = torch.tensor(0.0)
+        for graph, times in seen:
             optimizer.zero_grad()
-            loss().backward()
+            last = loss(graph, times)
+            last.backward()
             torch.nn.utils.clip_grad_norm_(leaves, float(hyper.max_grad_norm))
             optimizer.step()
+        return last.item()
 
-    return call, float(loss())
+    return call
+
+
+def steps_of(
+    objects: ObjectTable, config: PretrainConfig, batches: list[Batch], seed: int
+) -> dict[str, Callable[[], float]]:
+    """All three by name: calls that go on by a step per batch from the same parameters at a steady learning rate."""
+    hyper = as_float32(PretrainHyper(warmup=0.0, final_learning_rate=PretrainHyper().learning_rate))
+    state = pretrain.init(config, objects, jax.random.key(seed))
+    return {
+        "jax": jax_steps(config, hyper, state, batches),
+        "pytorch": torch_steps(hyper, state.params, batches, False),
+        "pytorch_pair_by_pair": torch_steps(hyper, state.params, batches, True),
+    }
 
 
 def main() -> None:
     """Compares the losses, measures, prints and writes."""
     options = tyro.cli(Options, description=__doc__)
+    jax.config.update("jax_platforms", "cpu")
     configure()
+    torch.set_num_threads(len(os.sched_getaffinity(0)))
     where = measured_on("pytorch") | {"torch": torch.__version__, "threads": torch.get_num_threads()}
-    objects = make_task("match_regions").objects
-    config, hyper = PretrainConfig(), as_float32(PretrainHyper())
-    state = pretrain.init(config, objects, jax.random.key(options.seed))
-    batch, count = made_up_batch(config, objects, options.seed), options.steps
-    all_pairs, loss = torch_steps(hyper, state.params, batch, False, count)
-    by_pair, same_loss = torch_steps(hyper, state.params, batch, True, count)
-    losses = {"jax": jax_loss(config, hyper, state, batch), "pytorch": loss, "pytorch_pair_by_pair": same_loss}
-    np.testing.assert_allclose(list(losses.values()), losses["jax"], rtol=1e-3)
-    calls = {
-        "jax": jax_steps(config, hyper, state, batch, count),
-        "pytorch": all_pairs,
-        "pytorch_pair_by_pair": by_pair,
+    objects, config = make_task("match_regions").objects, PretrainConfig()
+    batches = [made_up_batch(config, objects, options.seed + i) for i in range(options.steps)]
+    losses = {
+        f"after_{count}_steps": {name: call() for name, call in steps_of(objects, config, some, options.seed).items()}
+        for count, some in ((1, batches[:1]), (options.steps, batches))
     }
+    for found in losses.values():
+        np.testing.assert_allclose(list(found.values()), found["jax"], rtol=1e-2)
+    calls = steps_of(objects, config, batches, options.seed)
     seconds: dict[str, list[float]] = {name: [] for name in calls}
     for repeat in range(options.repeats + 1):
         for name, call in calls.items():
             started = time.perf_counter()
             call()
             if repeat:  # the first call of each warms up
-                seconds[name].append((time.perf_counter() - started) / count)
+                seconds[name].append((time.perf_counter() - started) / options.steps)
     medians = {name: statistics.median(found) for name, found in seconds.items()}
     report = {
         "steps_per_second": {name: 1 / median for name, median in medians.items()},

@@ -45,8 +45,8 @@ def table_1() -> str:
         return ""
     rows = [
         "| reward | success | 95 % interval over seeds | seeds | half of the training episodes solved after (M steps) "
-        "| minutes of training | pairs of random scenes in order | finished above unfinished | rank correlation "
-        "with time |",
+        "| minutes of pretraining and PPO | pairs of random scenes in order | finished above unfinished "
+        "| rank correlation with time |",
         "|---" * 9 + "|",
     ]
     methods = sorted(result["methods"].items(), key=lambda item: -item[1]["success_rate"])
@@ -54,8 +54,9 @@ def table_1() -> str:
         runs, spread = found["runs"], found["success_interval_95"]
         shown = f"{spread[0]:.1%} to {spread[1]:.1%}" if spread else "one seed"
         half = [run["half_solved_at"] for run in runs]
-        soon = "never" if None in half else _spread([steps / 1e6 for steps in half])
-        minutes = _mean([run["curve"]["seconds"][-1] / 60 for run in runs])
+        reached = [steps / 1e6 for steps in half if steps is not None]
+        soon = f"{_spread(reached)}{_of_all(reached, half)}" if reached else "never"
+        minutes = _mean([(run["curve"]["seconds"][-1] + run.get("pretrain_s", 0.0)) / 60 for run in runs])
         cells = ["-"] * 3
         if "audit" in runs[0]:
             measures = ("pair_accuracy", "finished_above_unfinished", "value_order_correlation")
@@ -194,6 +195,10 @@ def _spread(values: list[float]) -> str:
     return f"{_mean(values):.3f}" + (f" ({low} to {high})" if low != high else "")
 
 
+def _of_all(some: list, everything: list) -> str:
+    return "" if len(some) == len(everything) else f", {len(some)} of {len(everything)} seeds"
+
+
 def _where(result: dict[str, Any]) -> str:
     return f"({result['device']}, commit {_commit(result)}; `{result['command']}`)"
 
@@ -235,8 +240,8 @@ def pytorch_table() -> str:
         return ""
     names = {
         "jax": "here",
-        "pytorch": f"PyTorch {result['torch']}, all pairs in one tensor",
-        "pytorch_pair_by_pair": "PyTorch, pair by pair",
+        "pytorch": f"PyTorch {result['torch']}, eager, all pairs in one tensor",
+        "pytorch_pair_by_pair": "PyTorch, eager, pair by pair as XIRL's code",
     }
     rows = ["| pretraining, same network, loss and batch | steps/s | time per step, here = 1 |", "|---|---|---|"]
     for name, label in names.items():
@@ -250,17 +255,18 @@ def sweeps_table() -> str:
     if result is None:
         return ""
     rows = [
-        "| training, compiling included | members | together (s) | one by one (s) | ratio | compiling: together, one "
-        "by one (s) | largest difference between their curves |",
-        "|---" * 7 + "|",
+        "| training, compiling included | members | together (s) | one by one (s) | ratio | without compiling "
+        "| compiling: together, one by one (s) | largest difference between their curves |",
+        "|---" * 8 + "|",
     ]
     labels = [f"encoders, {found['steps']} steps" for found in result["encoders"]] + ["policies, smoke size"]
     for label, found in zip(labels, [*result["encoders"], result["policies"]], strict=True):
-        seconds, compiling = found["seconds"], found["compiling"]
+        (together, alone), (one, many) = (
+            (found[name]["together"], found[name]["alone"]) for name in ("seconds", "compiling")
+        )
         rows.append(
-            f"| {label} | {found['members']} | {seconds['together']:.0f} | {seconds['alone']:.0f} "
-            f"| {found['of_separate_runs']:.2f} | {compiling['together']:.0f}, {compiling['alone']:.0f} "
-            f"| {found['largest_difference']:.1e} |"
+            f"| {label} | {found['members']} | {together:.0f} | {alone:.0f} | {together / alone:.2f} "
+            f"| {(together - one) / (alone - many):.2f} | {one:.0f}, {many:.0f} | {found['largest_difference']:.1e} |"
         )
     return "\n".join([*rows, "", _where(result)])
 

@@ -6,8 +6,10 @@
     policies  of the smoke size, on rewards of their own
 
 What is timed is `training.train_encoders` and `training.train_policies`, once for all members and then for one after
-the other, each time with nothing compiled and no cache on disk, as on a machine's first run. Making demonstrations and
-judging results take the same either way and are left out. Writes benchmarks/results/sweeps.json.
+the other, each time with nothing compiled and no cache on disk, as if every run were its machine's first. On one
+machine all but the first find their programs in the cache; what is left of the saving then is what is left without
+compiling. Making demonstrations and judging results take the same either way and are left out. Writes
+benchmarks/results/sweeps.json.
 """
 
 import tempfile
@@ -59,6 +61,11 @@ class Options:
     policies: int = 8
     out: Path = Path("benchmarks/results/sweeps.json")
 
+    def __post_init__(self) -> None:
+        for name in ("encoder_steps", "policies"):
+            if np.min(getattr(self, name), initial=1) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}; allowed: 1 or more")
+
 
 def compared(
     make_jobs: Callable[[str], Sequence[Job]], train: Callable[[Sequence[Any]], Any], log: CompileLog, stage: str
@@ -73,7 +80,7 @@ def compared(
 
     Returns:
       seconds of both and their ratio, those spent compiling, and the largest difference between a member's curve and
-      that of the same job alone, as a share of the curve's greatest value.
+      that of the same job alone, as a share of the curves' greatest value.
     """
     seconds, compiling, curves = {}, {}, {}
     for name in ("together", "alone"):

@@ -84,17 +84,21 @@ def train_member(task: Task, options: Options, method: str, seed: int, path: Pat
         )
         Run.create(path, {"command": "train", "version": runs.VERSION, **asdict(settings)})
     train(Train(out=path, resume=True))
+    write_json(path / "trained_on.json", measured_on("table1"))
 
 
 def kept_judgement(path: Path, unseen: Callable[[], Demonstrations], options: Options) -> dict[str, Any]:
     """`judged`, once for a policy and an evaluation seed; the folder keeps it."""
     stamp = {"seed": options.evaluation_seed, "policy": (path / "policy.npz").stat().st_mtime_ns}
-    file = path / "table1.json"
-    if file.exists() and (kept := read_json(file))["of"] == stamp:
-        return kept["judged"]
-    found = judged(path, unseen(), options)
-    write_json(file, {"of": stamp, "judged": found})
-    return found
+    file, trained = path / "table1.json", path / "trained_on.json"
+    if not (file.exists() and read_json(file)["of"] == stamp):
+        write_json(file, {"of": stamp, "judged": judged(path, unseen(), options), **measured_on("table1")})
+    kept = read_json(file)
+    commits = {
+        "trained_at": read_json(trained)["commit"] if trained.exists() else None,
+        "judged_at": kept.get("commit"),
+    }
+    return kept["judged"] | commits
 
 
 def judged(path: Path, unseen: Demonstrations, options: Options) -> dict[str, Any]:
@@ -138,7 +142,7 @@ def curves_figure(methods: dict[str, dict[str, Any]], path: Path) -> None:
     figure = Figure(figsize=(10, 3.8), dpi=120, layout="constrained")
     panels = zip(
         figure.subplots(1, 2, sharey=True),
-        (("env_steps", 1e6, "environment steps (millions)"), ("seconds", 60, "minutes of training, one core")),
+        (("env_steps", 1e6, "environment steps (millions)"), ("seconds", 60, "minutes of PPO")),
         strict=True,
     )
     for axes, (name, unit, label) in panels:
@@ -176,6 +180,8 @@ def main() -> None:
         if finished:
             methods[method] = together([kept_judgement(path, unseen, options) for path in finished])
             print(method, {name: methods[method][name] for name in ("success_rate", "success_interval_95")})
+    if not methods:
+        raise SystemExit(f"--out {options.out} holds no finished member, and --budget-minutes left none to train")
     results = options.out if options.preset == "smoke" else RESULTS
     name = "table1_gpu" if options.preset == "gpu" else "table1"
     report = {"methods": methods, "episodes": EPISODES[options.preset], "seed": options.evaluation_seed, **where}

@@ -55,6 +55,11 @@ class Options:
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     out: Path | None = None
 
+    def __post_init__(self) -> None:
+        for method in self.methods:
+            if method not in LEARNED:
+                raise ValueError(f"--methods {method!r}; allowed: {', '.join(LEARNED)}")
+
 
 def demonstrations(task: ShoesInBox, out: Path, preset: str, size: int | None) -> tuple[Demonstrations, Demonstrations]:
     """What rewards learn from and what they are judged on, with pictures of `size` if wanted."""

@@ -6,8 +6,9 @@
     done
     python -m benchmarks.tuning runs/tuning
 
-Chosen is the setting whose reward puts most pairs of random scenes in order; no policy is trained and nothing that
-Table I reports is looked at. Writes benchmarks/results/tuning.json, which `benchmarks.table1` reads.
+Chosen is the setting whose reward puts most pairs of random scenes in order; no policy is trained, and scenes and
+demonstrations are of a seed that nothing else uses. Writes benchmarks/results/tuning.json, which `benchmarks.table1`
+reads.
 """
 
 from dataclasses import dataclass
@@ -66,7 +67,12 @@ def tuned(sweep: Path) -> dict[str, Any]:
 def main() -> None:
     """Chooses, prints and writes."""
     options = tyro.cli(Options, description=__doc__)
-    rewards = {name: tuned(options.sweeps / name) for name in LEARNED if (options.sweeps / name).exists()}
+    missing = [name for name in LEARNED if not (options.sweeps / name / "sweep.json").exists()]
+    if missing:
+        raise SystemExit(
+            f"{options.sweeps} lacks finished sweeps of {', '.join(missing)}; needed: {', '.join(LEARNED)}"
+        )
+    rewards = {name: tuned(options.sweeps / name) for name in LEARNED}
     for name, found in rewards.items():
         print(name, found["chosen"])
     write_json(RESULT, {"rewards": rewards, "measure": MEASURE, **measured_on("tuning")})

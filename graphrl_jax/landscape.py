@@ -29,9 +29,9 @@ class Scenes:
 
     | field  | shape       | meaning                                                                    |
     |--------|-------------|----------------------------------------------------------------------------|
-    | boxes  | (..., N, 4) |                                                                            |
+    | boxes  | (..., N, 4) | float32, corners of each slot's box as in `Graph`                          |
     | active | (..., N)    | bool, which slots count as moved; fewer axes if all scenes agree           |
-    | states | (..., )     | physics states, for rewards of pictures; None where the task draws none    |
+    | states | (..., ...)  | leaves of physics states, for rewards of pictures; None where the task draws none |
     """
 
     boxes: np.ndarray

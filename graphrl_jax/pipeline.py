@@ -71,7 +71,12 @@ def given_demonstrations(task: Task, settings: Settings) -> Demonstrations:
         )
     size = settings.pretraining.encoder.picture_size
     if size is not None:
-        loaded.pictures(size)
+        try:
+            loaded.pictures(size)
+        except demonstration_files.DemonstrationError as error:
+            raise demonstration_files.DemonstrationError(
+                f"{settings.demos}: {error}; `demos --pictures {size}` makes them"
+            ) from error
     return loaded
 
 
@@ -118,7 +123,13 @@ def refuse_undrawn(task: Task, reward: str) -> None:
 
 def picture_of(task: Task, model: RewardModel) -> Picture | None:
     """What draws a state for a reward of pictures; None for one of graphs."""
-    return None if model.picture_size is None else partial(task.picture, size=model.picture_size)
+    return None if model.picture_size is None else _drawing(task, model.picture_size)
+
+
+@cache
+def _drawing(task: Task, size: int) -> Picture:
+    """One and the same function for a task and size: compiled programs are known by it."""
+    return partial(task.picture, size=size)
 
 
 def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demonstrations, seed: int) -> dict[str, Any]:

@@ -27,7 +27,7 @@ def learning_curve(records: Sequence[dict[str, Any]], path: str | Path) -> None:
     """Success and score (left), learned and environmental reward (right) over environment steps.
 
     Args:
-      records: lines of `metrics.jsonl` with `env_steps` and any of `success`, `score` (0 to 1), `graph_reward`,
+      records: lines of `metrics.jsonl` with `env_steps` and any of `success`, `score` (0 to 1), `learned_reward`,
         `env_reward` (mean per step). A value that is missing, null or not finite leaves a gap.
       path: the PNG.
     """
@@ -46,7 +46,7 @@ def learning_curve(records: Sequence[dict[str, Any]], path: str | Path) -> None:
     if outcome.lines:
         outcome.legend(loc="best", frameon=False)
 
-    rewards = (("graph_reward", "learned", LEARNED_COLOUR), ("env_reward", "environmental", ENVIRONMENT_COLOUR))
+    rewards = (("learned_reward", "learned", LEARNED_COLOUR), ("env_reward", "environmental", ENVIRONMENT_COLOUR))
     axes = reward
     for name, label, colour in rewards:
         steps, values = _series(records, name)

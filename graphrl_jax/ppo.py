@@ -131,8 +131,8 @@ def update(
 
     Returns:
         the next state and scalar float32 metrics: the mean over the unroll of each step metric of the environment
-        (such as `env_reward`, `graph_reward`, `distance`) and of `reward`; `episodes`, the number of finished ones, and
-        the mean of each of `OUTCOMES` over them (NaN where none finished); and the loss's diagnostics.
+        (such as `env_reward`, `learned_reward`, `distance`) and of `reward`; `episodes`, the number of finished ones,
+        and the mean of each of `OUTCOMES` over them (NaN where none finished); and the loss's diagnostics.
     """
     unroll_key, sgd_key, next_key = jax.random.split(state.key, 3)
     env_state, data = unroll(config, make_env, reward_params, state, unroll_key)

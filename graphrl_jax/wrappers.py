@@ -78,14 +78,12 @@ class GraphReward(EnvironmentReward):
 
     Observation and `info` are those of `EnvironmentReward`, so the two settings differ in the reward alone; where
     activity does not persist (an ablation), the policy sees it so as well.
-    Metrics: `env_reward`, `graph_reward` and `distance` (||phi(G) - g||). A reset costs no encoding: its reward is 0.
+    Metrics: `env_reward`, `learned_reward` and `distance` (||phi(G) - g||). A reset costs no encoding: its reward is 0.
 
     Args:
         env: the task, as for `EnvironmentReward`.
         model: the learned reward, usually traced, so that another encoder compiles nothing.
     """
-
-    metric = "graph_reward"
 
     def __init__(self, env: Env, model: RewardModel):
         super().__init__(env, model.tau, model.persistent)
@@ -106,14 +104,12 @@ class GraphReward(EnvironmentReward):
         return build_graph(self.env.objects, info["boxes"], info["mask"], info["active"], info.get("class_ids"))
 
     def _with_reward(self, state: State, reward: jax.Array, distance: jax.Array) -> State:
-        metrics = {**state.metrics, self.metric: reward, "distance": distance}
+        metrics = {**state.metrics, "learned_reward": reward, "distance": distance}
         return state.replace(reward=reward, metrics=metrics)
 
 
 class PixelReward(GraphReward):
-    """XIRL's way: as `GraphReward`, of the picture after the step, which the task draws. Metric: `pixel_reward`."""
-
-    metric = "pixel_reward"
+    """XIRL's way: as `GraphReward`, of the picture after the step, which the task draws."""
 
     def _see(self, state: State) -> Seen:
         return self.env.picture(state.pipeline_state, self.model.picture_size)

@@ -78,7 +78,7 @@ def test_a_run_directory_holds_everything(finished):
     records = [json.loads(line) for line in (finished / "metrics.jsonl").read_text().splitlines()]
     policy_records = [record for record in records if record["stage"] == "ppo"]
     assert [record["update"] for record in policy_records] == [2, 4]
-    assert {"env_reward", "graph_reward", "distance", "success"} <= policy_records[0].keys()
+    assert {"env_reward", "learned_reward", "distance", "success"} <= policy_records[0].keys()
 
 
 @pytest.mark.parametrize("file", ["encoder.npz", "train_state.npz"])

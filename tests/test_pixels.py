@@ -104,7 +104,7 @@ def test_an_environment_pays_for_the_picture_after_the_step(learned):
     state = env.step(env.reset(jax.random.key(1)), jnp.array([1.0, 0.0]))
     picture = task.picture(state.pipeline_state, 8)
     np.testing.assert_allclose(state.reward, model.apply(picture), rtol=1e-5)
-    assert float(state.metrics["pixel_reward"]) == float(state.reward) != float(state.metrics["env_reward"])
+    assert float(state.metrics["learned_reward"]) == float(state.reward) != float(state.metrics["env_reward"])
 
 
 def test_an_audit_shows_it_pictures(learned):

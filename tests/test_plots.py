@@ -27,7 +27,7 @@ def count(pixels: np.ndarray, colour: tuple[int, int, int]) -> int:
 
 @pytest.mark.parametrize(
     "names",
-    [("success", "score", "graph_reward", "env_reward"), ("success", "env_reward"), ()],
+    [("success", "score", "learned_reward", "env_reward"), ("success", "env_reward"), ()],
 )
 def test_learning_curve_draws_what_there_is(tmp_path: Path, names: tuple[str, ...]) -> None:
     records = [{"env_steps": 1000 * i, **{name: 0.1 * i for name in names}} for i in range(8)]

@@ -55,8 +55,12 @@ def test_it_draws_what_the_drawing_for_people_shows(same_colours, seed):
     beside = [np.abs(x - edge) < 0.05 for edge in (west, east)], [np.abs(-x - edge) < 0.05 for edge in (south, north)]
     lines = (beside[0][0] | beside[0][1])[None, :] | (beside[1][0] | beside[1][1])[:, None]
     border = np.maximum(np.abs(x)[None, :], np.abs(x)[:, None]) > 0.95
-    counted = difference[~(lines | border)]
-    assert counted.mean() < 0.005 and (counted > 0.12).mean() < 0.01
+    counted = ~(lines | border)
+    assert difference[counted].mean() < 0.005 and (difference[counted] > 0.12).mean() < 0.01
+    # So does the neighbourhood of every body alone, of which another shape changes a tenth at least.
+    for body in poses:
+        near = counted & (np.hypot(x[None, :] - body[0], -x[:, None] - body[1]) < 0.2)
+        assert (difference[near] > 0.12).mean() < 0.04
 
 
 def test_blocks_that_are_not_there_are_not_drawn():

@@ -89,7 +89,7 @@ def test_graph_reward_replaces_the_reward_and_logs_both():
     distance = places(states)[within, :, 0] + 10.0 * states.info["active"][within].sum(-1)
     np.testing.assert_allclose(states.metrics["distance"][within], distance, rtol=1e-6)
     np.testing.assert_allclose(states.reward[within], -2.0 * distance, rtol=1e-6)
-    np.testing.assert_allclose(states.metrics["graph_reward"], states.reward)
+    np.testing.assert_allclose(states.metrics["learned_reward"], states.reward)
     np.testing.assert_allclose(states.metrics["env_reward"][within], places(states)[within, :, 0], rtol=1e-6)
     np.testing.assert_allclose(plain.reward, plain.metrics["env_reward"])
     np.testing.assert_allclose(plain.metrics["env_reward"], states.metrics["env_reward"], rtol=1e-6)

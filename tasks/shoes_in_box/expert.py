@@ -18,7 +18,7 @@ from graphrl_jax.compilation import jit_physics
 from graphrl_jax.demonstrations import Demonstrations, reached_for_good
 from tasks.collect import collect
 from tasks.shoes_in_box import env as environment
-from tasks.shoes_in_box import geometry, kinematics
+from tasks.shoes_in_box import geometry, kinematics, render
 from tasks.shoes_in_box.model import FINGER_OPEN, LID_OPEN, WALL_HEIGHT
 
 LID_PHASES = ("above_bar", "at_bar", "grip", "arc", "let_go", "off")
@@ -258,7 +258,13 @@ def rollouts(
 def demonstrate(
     task: environment.ShoesInBox, key: jax.Array, successes: int, failures: int, picture_size: int | None
 ) -> Demonstrations:
-    """Demonstrations that really succeed and failures that really fail, of the same lengths; see `collect`."""
+    """Demonstrations that really succeed and failures that really fail, of the same lengths; see `collect`.
+
+    Raises:
+      ValueError: pictures are wanted, but this machine cannot render.
+    """
+    if picture_size is not None and not render.can_render():
+        raise ValueError("pictures of shoes_in_box need a graphics library that MuJoCo can use; there is none here")
     collect_key, length_key = jax.random.split(key)
 
     def run(key: jax.Array, kinds: np.ndarray) -> tuple[Any, np.ndarray]:
@@ -296,17 +302,11 @@ def demonstrate(
 
 
 def _pictures(qpos: np.ndarray, box: np.ndarray, size: int) -> np.ndarray:
-    """The camera's pictures (B, T, size, size, 3) uint8 of episodes.
-
-    Raises:
-      ValueError: this machine cannot render.
-    """
-    from tasks.shoes_in_box.render import can_render, draw_scene
-
-    if not can_render():
-        raise ValueError("pictures of shoes_in_box need a graphics library that MuJoCo can use; there is none here")
+    """The camera's pictures (B, T, size, size, 3) uint8 of episodes."""
     episodes = zip(qpos, box, strict=True)
-    return np.stack([[draw_scene(*frame, size, shadows=False) for frame in zip(*one, strict=True)] for one in episodes])
+    return np.stack(
+        [[render.draw_scene(*frame, size, shadows=False) for frame in zip(*one, strict=True)] for one in episodes]
+    )
 
 
 @partial(jax.jit, static_argnums=0)
