@@ -4,7 +4,7 @@
 
     nodes     embedding a graph, as an environment's step does, and an optimiser's step, against N
     frames    an optimiser's step against the frames T of each demonstration
-    members   an optimiser's step of K encoders in one program, and compiling it, against K
+    members   an optimiser's step of K encoders in one program, side by side and in turn, against K
 
 Time is per graph, per step and per member's step, on made-up batches of the default sizes. Writes scaling.json and a
 plot to `--out`'s folder.
@@ -31,6 +31,8 @@ from graphrl_jax.graph import Graph, ObjectTable
 from graphrl_jax.ppo import as_float32
 from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
 from graphrl_jax.runs import write_atomically, write_json
+
+Mapping = Callable[[Callable, int], Callable]
 
 GRAPHS = 1024
 CLASSES = 8
@@ -116,7 +118,9 @@ def embedding(num_slots: int, repeats: int) -> dict[str, float]:
     return timed(jax.vmap(encoder.encode, in_axes=(None, 0, None, None)), (params, graphs, 2.0, 1.0), repeats)
 
 
-def optimising(config: PretrainConfig, num_slots: int, members: int, repeats: int) -> dict[str, float]:
+def optimising(
+    config: PretrainConfig, num_slots: int, repeats: int, members: int = 1, mapped: Mapping = sweep.each
+) -> dict[str, float]:
     """An optimiser's step of some members."""
     objects, hyper = table_of(num_slots), as_float32(PretrainHyper())
     states = [pretrain.init(config, objects, jax.random.key(seed)) for seed in range(members)]
@@ -125,7 +129,7 @@ def optimising(config: PretrainConfig, num_slots: int, members: int, repeats: in
     def step(state: pretrain.PretrainState, batch: Any) -> pretrain.PretrainState:
         return pretrain.optimise(config, hyper, state, batch)[0]
 
-    return timed(sweep.each(step, members), (sweep.stack(states), sweep.stack(batches)), repeats)
+    return timed(mapped(step, members), (sweep.stack(states), sweep.stack(batches)), repeats)
 
 
 def measure(options: Options) -> dict[str, dict[int, dict[str, float]]]:
@@ -133,16 +137,18 @@ def measure(options: Options) -> dict[str, dict[int, dict[str, float]]]:
     config, repeats = PretrainConfig(), options.repeats
     found = {
         "embedding": {count: embedding(count, repeats) for count in options.nodes},
-        "step_nodes": {count: optimising(config, count, 1, repeats) for count in options.nodes},
+        "step_nodes": {count: optimising(config, count, repeats) for count in options.nodes},
         "step_frames": {
-            count: optimising(replace(config, num_frames=count), CLASSES, 1, repeats) for count in options.frames
+            count: optimising(replace(config, num_frames=count), CLASSES, repeats) for count in options.frames
         },
-        "step_members": {count: optimising(config, CLASSES, count, repeats) for count in options.members},
+        "side_by_side": {count: optimising(config, CLASSES, repeats, count) for count in options.members},
+        "in_turn": {count: optimising(config, CLASSES, repeats, count, sweep.in_turn) for count in options.members},
     }
     for row in found["embedding"].values():
         row["seconds"] /= GRAPHS
-    for count, row in found["step_members"].items():
-        row["seconds"] /= count
+    for name in ("side_by_side", "in_turn"):
+        for count, row in found[name].items():
+            row["seconds"] /= count
     return found
 
 
@@ -150,14 +156,15 @@ PANELS = {
     "embedding": ("node slots N", "microseconds per graph", 1e6),
     "step_nodes": ("node slots N", "milliseconds per step", 1e3),
     "step_frames": ("frames T", "milliseconds per step", 1e3),
-    "step_members": ("members K", "milliseconds per member's step", 1e3),
+    "side_by_side": ("members K side by side", "milliseconds per member's step", 1e3),
+    "in_turn": ("members K in turn", "milliseconds per member's step", 1e3),
 }
 
 
 def figure(found: dict[str, dict[int, dict[str, float]]], path: Path) -> None:
     """A panel for each size."""
-    picture = Figure(figsize=(12, 3), dpi=120, layout="constrained")
-    for axes, (name, (label, unit, scale)) in zip(picture.subplots(1, 4), PANELS.items(), strict=True):
+    picture = Figure(figsize=(14, 3), dpi=120, layout="constrained")
+    for axes, (name, (label, unit, scale)) in zip(picture.subplots(1, len(PANELS)), PANELS.items(), strict=True):
         rows = found[name]
         axes.plot(list(rows), [scale * row["seconds"] for row in rows.values()], marker="o")
         axes.set(xlabel=label, ylabel=unit, ylim=(0, None), xticks=list(rows))

@@ -111,7 +111,7 @@ def trained(
         run = Run.create(path, {"command": "benchmark", "task": task.name, "reward": name, "seed": seed})
         with Progress() as progress:
             training.train_encoder(run, demos, config, hyper, seed, progress)
-    return pipeline.load_reward(Run(path), config.encoder, task)
+    return pipeline.load_reward(Run(path), config.encoder, task, config.persistent)
 
 
 def whole_episodes(demos: Demonstrations) -> Demonstrations:

@@ -1,11 +1,11 @@
 """Table II: how every learned reward tells successes from failures on Shoes in Box (Eq. 4 and its companions).
 
-    python -m benchmarks.table2 [--preset smoke] [--methods graph xirl] [--seeds 0 1 2]
+    python -m benchmarks.table2 [--preset smoke] [--methods graph xirl graph_no_activity] [--seeds 0 1 2]
 
-All rewards learn from the same demonstrations and are judged on the same unseen successes and failures;
-both are those of `benchmarks.shoes_in_box`. XIRL sees them through MuJoCo's renderer, which needs a graphics library.
-What is in `--out` already is used again, encoder by encoder. Writes table2.json to `benchmarks/results` (smoke: to
-`--out`).
+Beside the learned rewards stand ours without each of its parts. All learn from the same demonstrations, with the default
+floats, and are judged on the same unseen successes and failures; both are those of `benchmarks.shoes_in_box`. XIRL sees
+them through MuJoCo's renderer, which needs a graphics library. What is in `--out` already is used again, encoder by
+encoder. Writes table2.json to `benchmarks/results` (smoke: to `--out`).
 """
 
 from dataclasses import dataclass
@@ -32,11 +32,13 @@ from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.reward import demonstration_rewards
 from graphrl_jax.runs import write_json
-from graphrl_jax.settings import Settings
+from graphrl_jax.settings import ABLATIONS, Ablation, Settings
 from graphrl_jax.task import make_task
 from tasks.shoes_in_box.env import ShoesInBox
 
 RESULTS = Path("benchmarks/results")
+ABLATED: dict[str, Ablation] = {f"graph_no_{ablation}": ablation for ablation in ABLATIONS}
+METHODS = (*LEARNED, *ABLATED)
 
 
 @dataclass(frozen=True)
@@ -45,20 +47,20 @@ class Options:
 
     Attributes:
       preset: smoke tries everything on little.
-      methods: learned rewards.
+      methods: learned rewards, and ours without one of its parts.
       seeds: of each.
       out: folder of demonstrations and encoders; runs/table2_PRESET if left out.
     """
 
     preset: Literal["smoke", "default"] = "default"
-    methods: tuple[str, ...] = LEARNED
+    methods: tuple[str, ...] = METHODS
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     out: Path | None = None
 
     def __post_init__(self) -> None:
         for method in self.methods:
-            if method not in LEARNED:
-                raise ValueError(f"--methods {method!r}; allowed: {', '.join(LEARNED)}")
+            if method not in METHODS:
+                raise ValueError(f"--methods {method!r}; allowed: {', '.join(METHODS)}")
 
 
 def demonstrations(task: ShoesInBox, out: Path, preset: str, size: int | None) -> tuple[Demonstrations, Demonstrations]:
@@ -68,6 +70,13 @@ def demonstrations(task: ShoesInBox, out: Path, preset: str, size: int | None) -
         kept_demonstrations(task, out / f"demonstrations{end}.npz", TRAINING_SEED, sizes.demonstrations, 0, size),
         kept_demonstrations(task, out / f"validation{end}.npz", VALIDATION_SEED, sizes.successes, sizes.failures, size),
     )
+
+
+def settings_of(method: str, preset: str) -> Settings:
+    """The settings that a method's encoder is trained with."""
+    ablations = (ABLATED[method],) if method in ABLATED else ()
+    reward = "graph" if ablations else method
+    return Settings(reward=reward, preset="smoke" if preset == "smoke" else "cpu", ablations=ablations)  # type: ignore[arg-type]
 
 
 def main() -> None:
@@ -80,9 +89,9 @@ def main() -> None:
     assert isinstance(task, ShoesInBox)
     rows = []
     for name in options.methods:
-        settings = Settings(reward=name, preset="smoke" if options.preset == "smoke" else "cpu")  # type: ignore[arg-type]
+        settings = settings_of(name, options.preset)
         config = settings.pretraining
-        hyper = pipeline.pretrain_hyper(task, task.pretraining.alpha, name)
+        hyper = pipeline.pretrain_hyper(task, task.pretraining.alpha, settings.reward, settings.ablations)
         fitted, unseen = demonstrations(task, out, options.preset, config.encoder.picture_size)
         for seed in options.seeds:
             model = trained(task, fitted, name, seed, config, hyper, out)

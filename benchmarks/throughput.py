@@ -12,8 +12,9 @@ In one process, on the same batches, in environment (control) steps per second:
     ppo_env       PPO's whole update (unroll and all gradient steps) with the environment's reward
     ppo_graph     the same with the learned reward
 
-The first call of each is timed apart (it traces and compiles), then they take turns, so that whatever else the machine
-does weighs on all of them. What counts are the ratios of the medians. Memory is what the compiled program asks for.
+Each is compiled, which is timed apart, then they take turns, so that whatever else the machine does weighs on all of
+them. What counts are the ratios of the medians; here a few hundredths are noise. Memory is what the compiled program
+asks for. Compile times are those of a first run only if the compilation cache is empty ($JAX_COMPILATION_CACHE_DIR).
 """
 
 import math
@@ -81,7 +82,7 @@ class Options:
 
 
 def physics_program(task: Task, num_envs: int, steps: int, key: jax.Array) -> tuple[Any, tuple]:
-    """Bare physics at its fastest: as in the task, only positions, rates and the solver's start are carried."""
+    """Bare physics: as in the task, only positions, rates and the solver's start are carried."""
     model, template = task._model, task._template  # type: ignore[attr-defined]
     reset_key, control_key = jax.random.split(key)
     controls = jax.random.uniform(control_key, (num_envs, model.nu), minval=-0.5, maxval=0.5)

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks import scaling, sweeps, table1, throughput, tuning
+from benchmarks import scaling, sweeps, table1, table2, throughput, tuning
 from graphrl_jax.compilation import CompileLog
 from graphrl_jax.pretrain import PretrainConfig
 from graphrl_jax.runs import Run, write_json
@@ -107,3 +107,14 @@ def test_a_sweep_is_compared_with_its_members_alone():
     assert trained == [2, 1, 1] and found["members"] == 2
     assert found["of_separate_runs"] == pytest.approx(0.5, abs=0.1)
     assert found["largest_difference"] == pytest.approx(0.2 / 4) and found["compiling"]["alone"] == 0
+
+
+def test_table_2_trains_what_it_names():
+    settings = table2.settings_of("graph_no_edges", "smoke")
+    assert settings.reward == "graph" and settings.ablations == ("edges",) and not settings.pretraining.encoder.edges
+    assert (
+        table2.settings_of("xirl", "default").reward == "xirl"
+        and table2.settings_of("graph", "default").ablations == ()
+    )
+    with pytest.raises(ValueError, match="--methods 'env'; allowed: graph, graph_with_robot"):
+        table2.Options(methods=("env",))
