@@ -2,10 +2,10 @@
 
     python -m benchmarks.table2 [--preset smoke] [--methods graph xirl graph_no_activity] [--seeds 0 1 2]
 
-Beside the learned rewards stand ours without each of its parts. All learn from the same demonstrations, with the default
-floats, and are judged on the same unseen successes and failures; both are those of `benchmarks.shoes_in_box`. XIRL sees
-them through MuJoCo's renderer, which needs a graphics library. What is in `--out` already is used again, encoder by
-encoder. Writes table2.json to `benchmarks/results` (smoke: to `--out`).
+Beside the learned rewards stand ours without each of its parts. All learn from the same demonstrations, with the
+default floats, and are judged on the same unseen successes and failures; both are those of `benchmarks.shoes_in_box`.
+XIRL sees them through MuJoCo's renderer, which needs a graphics library. What is in `--out` already is used again,
+encoder by encoder. Writes table2.json to `benchmarks/results` (smoke: to `--out`).
 """
 
 from dataclasses import dataclass
