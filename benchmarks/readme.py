@@ -278,6 +278,21 @@ def sweeps_table() -> str:
     return "\n".join([*rows, "", _where(result)])
 
 
+def alphas_table() -> str:
+    """Success and landscapes against alpha, means over seeds."""
+    result = _result("alphas")
+    if result is None:
+        return ""
+    measures = {name: AUDIT[name] for name in ("pair_accuracy", "finished_above_unfinished", "bump_bonus")}
+    rows = [f"| alpha | seeds | success | {' | '.join(measures.values())} |", "|---" * (len(measures) + 3) + "|"]
+    for alpha in dict.fromkeys(member["swept"]["pretrain.alpha"] for member in result["members"]):
+        members = [member for member in result["members"] if member["swept"]["pretrain.alpha"] == alpha]
+        rates = [member["success_rate"] for member in members if "success_rate" in member]
+        cells = [_spread([member["encoder"][name] for member in members]) for name in measures]
+        rows.append(f"| {alpha:g} | {len(members)} | {_spread(rates) if rates else '-'} | {' | '.join(cells)} |")
+    return "\n".join([*rows, "", f"Policies of {result['sweep']['updates']} updates {_where(result)}"])
+
+
 def human_table() -> str:
     """How well recorded human demonstrations are seen, and what policies trained on them reach."""
     result = _result("human_video")
@@ -357,6 +372,7 @@ BLOCKS: dict[str, tuple[Callable[[], str], ...]] = {
     "Shoes in Box": (discrimination_table, failures_table, stages_table),
     "human demonstrations": (human_table, fidelity_table),
     "sweeps": (sweeps_table,),
+    "alphas": (alphas_table,),
 }
 
 

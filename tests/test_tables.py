@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from benchmarks import scaling, sweeps, table1, table2, throughput, tuning
+from benchmarks import alphas, scaling, sweeps, table1, table2, throughput, tuning
 from graphrl_jax.compilation import CompileLog
 from graphrl_jax.pretrain import PretrainConfig
 from graphrl_jax.runs import Run, write_json
@@ -118,3 +118,15 @@ def test_table_2_trains_what_it_names():
     )
     with pytest.raises(ValueError, match="--methods 'env'; allowed: graph, graph_with_robot"):
         table2.Options(methods=("env",))
+
+
+def test_a_sweep_over_alpha_is_collected_with_what_is_done(tmp_path):
+    for alpha, seed, rate in ((16.0, 40, None), (2.0, 41, None), (2.0, 40, 0.5)):
+        folder = tmp_path / f"alpha={alpha:g},seed={seed}"
+        write_json(folder / "config.json", {"pretrain": {"alpha": alpha}, "seed": seed})
+        write_json(folder / "encoder.json", {"pair_accuracy": 0.9})
+        if rate is not None:
+            write_json(folder / "summary.json", {"success_rate": rate})
+    rows = alphas.members_of(tmp_path)
+    assert [(row["swept"]["pretrain.alpha"], row["seed"]) for row in rows] == [(2.0, 40), (2.0, 41), (16.0, 40)]
+    assert [row.get("success_rate") for row in rows] == [0.5, None, None]

@@ -1,0 +1,58 @@
+"""What a finished sweep over alpha found, as a result file and figure.
+
+    python -m graphrl_jax sweep --alphas 1,2,4,8,16 --seeds 2 --first-seed 40 --updates 100 --out runs/alphas
+    python -m benchmarks.alphas runs/alphas
+
+Of a sweep that is not done with its policies yet, the encoders count. Writes alphas.json and alphas.png to
+benchmarks/results.
+"""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import tyro
+
+from benchmarks.context import measured_on
+from graphrl_jax import plots
+from graphrl_jax.runs import read_json, write_json
+
+RESULTS = Path("benchmarks/results")
+FIELD = "pretrain.alpha"
+
+
+@dataclass(frozen=True)
+class Options:
+    """Puts a sweep's members together.
+
+    Attributes:
+      sweep: its folder.
+    """
+
+    sweep: tyro.conf.Positional[Path]
+
+
+def members_of(sweep: Path) -> list[dict[str, Any]]:
+    """Alpha, seed, the encoder's audit and, of finished policies, the success rate, of every member with an encoder."""
+    rows = []
+    for encoder in sorted(sweep.glob("*/encoder.json")):
+        config, summary = read_json(encoder.parent / "config.json"), encoder.parent / "summary.json"
+        row = {"swept": {FIELD: config["pretrain"]["alpha"]}, "seed": config["seed"], "encoder": read_json(encoder)}
+        rows.append(row | ({"success_rate": read_json(summary)["success_rate"]} if summary.exists() else {}))
+    return sorted(rows, key=lambda row: (row["swept"][FIELD], row["seed"]))
+
+
+def main() -> None:
+    """Collects, draws and writes."""
+    options = tyro.cli(Options, description=__doc__)
+    rows = members_of(options.sweep)
+    if not rows:
+        raise SystemExit(f"{options.sweep} holds no member with an encoder.json")
+    began = read_json(options.sweep / "config.json")
+    asked = {name: began[name] for name in ("alphas", "seeds", "first_seed", "updates", "encoder_steps", "preset")}
+    write_json(RESULTS / "alphas.json", {"members": rows, "sweep": asked, **measured_on("alphas")})
+    plots.sweep(rows, FIELD, RESULTS / "alphas.png")
+
+
+if __name__ == "__main__":
+    main()
