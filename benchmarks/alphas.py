@@ -3,8 +3,8 @@
     python -m graphrl_jax sweep --alphas 1,2,4,8,16 --seeds 2 --first-seed 40 --updates 100 --out runs/alphas
     python -m benchmarks.alphas runs/alphas
 
-Of a sweep that is not done with its policies yet, the encoders count. Writes alphas.json and alphas.png to
-benchmarks/results.
+Of a sweep that is not done with its policies yet, the encoders count, and success in training so far. Writes
+alphas.json and alphas.png to benchmarks/results.
 """
 
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ import tyro
 
 from benchmarks.context import measured_on
 from graphrl_jax import plots
-from graphrl_jax.runs import read_json, write_json
+from graphrl_jax.runs import Run, read_json, write_json
 
 RESULTS = Path("benchmarks/results")
 FIELD = "pretrain.alpha"
@@ -33,12 +33,18 @@ class Options:
 
 
 def members_of(sweep: Path) -> list[dict[str, Any]]:
-    """Alpha, seed, the encoder's audit and, of finished policies, the success rate, of every member with an encoder."""
+    """Every member with an encoder: alpha, seed, the audit, how far its policy is and how it did in training then, and
+    the success rate once it is done.
+    """
     rows = []
     for encoder in sorted(sweep.glob("*/encoder.json")):
         config, summary = read_json(encoder.parent / "config.json"), encoder.parent / "summary.json"
         row = {"swept": {FIELD: config["pretrain"]["alpha"]}, "seed": config["seed"], "encoder": read_json(encoder)}
-        rows.append(row | ({"success_rate": read_json(summary)["success_rate"]} if summary.exists() else {}))
+        if lines := Run(encoder.parent).records("ppo"):
+            row["training"] = {name: lines[-1][name] for name in ("env_steps", "success")}
+        if summary.exists():
+            row["success_rate"] = read_json(summary)["success_rate"]
+        rows.append(row)
     return sorted(rows, key=lambda row: (row["swept"][FIELD], row["seed"]))
 
 

@@ -284,12 +284,17 @@ def alphas_table() -> str:
     if result is None:
         return ""
     measures = {name: AUDIT[name] for name in ("pair_accuracy", "finished_above_unfinished", "bump_bonus")}
-    rows = [f"| alpha | seeds | success | {' | '.join(measures.values())} |", "|---" * (len(measures) + 3) + "|"]
+    head = "| alpha | seeds | success | success in training | after (M steps)"
+    rows = [f"{head} | {' | '.join(measures.values())} |", "|---" * (len(measures) + 5) + "|"]
     for alpha in dict.fromkeys(member["swept"]["pretrain.alpha"] for member in result["members"]):
         members = [member for member in result["members"] if member["swept"]["pretrain.alpha"] == alpha]
         rates = [member["success_rate"] for member in members if "success_rate" in member]
-        cells = [_spread([member["encoder"][name] for member in members]) for name in measures]
-        rows.append(f"| {alpha:g} | {len(members)} | {_spread(rates) if rates else '-'} | {' | '.join(cells)} |")
+        trained = [member["training"] for member in members if "training" in member]
+        cells = [_spread(rates) if rates else "-"]
+        cells += [_spread([one["success"] for one in trained]) if trained else "-"]
+        cells += [_spread([one["env_steps"] / 1e6 for one in trained]) if trained else "-"]
+        cells += [_spread([member["encoder"][name] for member in members]) for name in measures]
+        rows.append(f"| {alpha:g} | {len(members)} | {' | '.join(cells)} |")
     return "\n".join([*rows, "", f"Policies of {result['sweep']['updates']} updates {_where(result)}"])
 
 
