@@ -69,7 +69,8 @@ def test_clipping_by_hand():
 
 
 @settings(max_examples=20, deadline=None)
-@given(st.lists(st.floats(-1e3, 1e3, width=32), min_size=4, max_size=4), st.floats(0.01, 100.0))
+# Compiled programs take subnormal numbers for zero.
+@given(st.lists(st.floats(-1e3, 1e3, width=32, allow_subnormal=False), min_size=4, max_size=4), st.floats(0.01, 100.0))
 def test_clipping_bounds_the_norm_and_leaves_short_gradients(values, max_norm):
     grads = {"a": np.array(values, np.float32)}
     clipped, norm = CLIP(grads, max_norm)
