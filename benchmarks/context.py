@@ -25,10 +25,18 @@ def measured_on(benchmark: str) -> dict[str, Any]:
 
 
 def _commit() -> str:
-    """The commit measured, marked "-dirty" if files have changed since; "unknown" outside a repository."""
-    command = ["git", "describe", "--always", "--dirty", "--abbrev=40"]
+    """The commit measured, marked "-dirty" if other files than results have changed since; "unknown" without one."""
+    commit = _git("rev-parse", "HEAD")
+    changed = _git("status", "--porcelain", "--untracked-files=no", "--", ".", ":(exclude)benchmarks/results")
+    return f"{commit}-dirty" if commit and changed else commit or "unknown"
+
+
+def _git(*arguments: str) -> str:
+    """What git answers in this repository; nothing if it cannot."""
     try:
-        answer = subprocess.run(command, cwd=Path(__file__).parent, capture_output=True, text=True, check=False)
+        answer = subprocess.run(
+            ["git", *arguments], cwd=Path(__file__).parents[1], capture_output=True, text=True, check=False
+        )
     except OSError:
-        return "unknown"
-    return answer.stdout.strip() or "unknown"
+        return ""
+    return answer.stdout.strip()
