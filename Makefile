@@ -2,13 +2,16 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: train test lint smoke clean
+.PHONY: train test test-slow lint smoke docs clean
 
 train: .venv/installed
 	$(BIN)/python train.py $(ARGS)
 
 test: .venv/installed
-	$(BIN)/python -m pytest -q
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not slow"
+
+test-slow: .venv/installed
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile -m slow
 
 lint: .venv/installed
 	$(BIN)/ruff check .
@@ -18,6 +21,10 @@ lint: .venv/installed
 smoke: .venv/installed
 	rm -rf runs/smoke
 	$(BIN)/python train.py --preset smoke --out runs/smoke
+
+docs: .venv/installed
+	$(BIN)/python -m docs.generate
+	$(BIN)/python -m benchmarks.tables
 
 .venv/installed: pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv

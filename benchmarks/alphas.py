@@ -1,6 +1,6 @@
 """What a finished sweep over alpha found, as a result file and figure.
 
-    python -m graphrl_jax sweep --alphas 1,2,4,8,16 --seeds 2 --first-seed 40 --updates 100 --out runs/alphas
+    graphrl sweep --alphas 1,2,4,8,16 --seeds 2 --first-seed 40 --updates 100 --out runs/alphas
     python -m benchmarks.alphas runs/alphas
 
 Of a sweep that is not done with its policies yet, the encoders count, and success in training so far. Writes
@@ -13,11 +13,11 @@ from typing import Any
 
 import tyro
 
-from benchmarks.context import measured_on
-from graphrl_jax import plots
-from graphrl_jax.runs import Run, read_json, write_json
+from benchmarks.context import RESULTS, measured_on
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.storage import read_json, write_json
+from graphrl_jax.viz import plots
 
-RESULTS = Path("benchmarks/results")
 FIELD = "pretrain.alpha"
 
 
@@ -48,14 +48,24 @@ def members_of(sweep: Path) -> list[dict[str, Any]]:
     return sorted(rows, key=lambda row: (row["swept"][FIELD], row["seed"]))
 
 
+def asked_of(sweep: Path) -> dict[str, Any]:
+    """What a sweep was asked for; None is what was left to the preset."""
+    config = read_json(sweep / "config.json")
+    request = config["request"]
+    return {
+        **{name: request[name] for name in ("alphas", "seeds", "first_seed", "updates")},
+        "encoder_steps": request["pretrain"]["steps"],
+        "preset": config["members"][0]["settings"]["preset"],
+    }
+
+
 def main() -> None:
     """Collects, draws and writes."""
     options = tyro.cli(Options, description=__doc__)
     rows = members_of(options.sweep)
     if not rows:
         raise SystemExit(f"{options.sweep} holds no member with an encoder.json")
-    began = read_json(options.sweep / "config.json")
-    asked = {name: began[name] for name in ("alphas", "seeds", "first_seed", "updates", "encoder_steps", "preset")}
+    asked = asked_of(options.sweep)
     write_json(RESULTS / "alphas.json", {"members": rows, "sweep": asked, **measured_on("alphas")})
     plots.sweep(rows, FIELD, RESULTS / "alphas.png")
 

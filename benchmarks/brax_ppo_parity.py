@@ -28,13 +28,14 @@ from brax.training.agents.ppo.losses import PPONetworkParams
 from brax.training.agents.ppo.networks import make_ppo_networks
 from brax.training.networks import ACTIVATION
 
+from benchmarks.checks import refuse_below
 from benchmarks.context import measured_on
-from graphrl_jax import ppo
-from graphrl_jax.compilation import configure
-from graphrl_jax.evaluation import evaluate
-from graphrl_jax.policy import make_networks
-from graphrl_jax.ppo_config import PPOConfig, PPOHyper
-from graphrl_jax.runs import write_json
+from graphrl_jax.rl import ppo
+from graphrl_jax.rl.config import PPOConfig, PPOHyper
+from graphrl_jax.rl.networks import make_networks
+from graphrl_jax.rl.rollout import evaluate
+from graphrl_jax.runtime import configure
+from graphrl_jax.storage import write_json
 
 CONFIG = PPOConfig(
     num_envs=128,
@@ -72,9 +73,7 @@ class Options:
     out: Path = Path("benchmarks/results/brax_ppo_parity.json")
 
     def __post_init__(self) -> None:
-        for name, least in (("seeds", 2), ("checkpoints", 1), ("updates_per_checkpoint", 1)):
-            if getattr(self, name) < least:
-                raise ValueError(f"{name} is {getattr(self, name)}; allowed: {least} or more")
+        refuse_below(self, seeds=2, checkpoints=1, updates_per_checkpoint=1)
 
 
 class PointMass(Env):

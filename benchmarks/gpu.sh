@@ -4,13 +4,15 @@
 #     pip install -e ".[gpu]" && benchmarks/gpu.sh
 #
 # Every part has its own limit in seconds; what one has written stays, and a second call goes on with Table I where the
-# first was stopped. Results: $RESULTS/{throughput,throughput_shoes_in_box,table1}_gpu.{json,png}.
-# Smaller, to try it: RESULTS=/tmp/gpu SIZES=2 SHOES_SIZES=2 STEPS=2 PRESET=smoke METHODS=env benchmarks/gpu.sh
+# first was stopped. Results: $RESULTS/{throughput,throughput_shoes_in_box}_gpu.{json,png} and
+# benchmarks/results/table1_gpu.{json,png}; Table I's runs: $RUNS/table1_$PRESET.
+# Smaller, to try it: RESULTS=runs/gpu SIZES=2 SHOES_SIZES=2 STEPS=2 PRESET=smoke METHODS=env benchmarks/gpu.sh
 set -uo pipefail
 cd "$(dirname "$0")/.."
 
 python=${PYTHON:-python}
 results=${RESULTS:-benchmarks/results}
+runs=${RUNS:-runs}
 steps=${STEPS:-16}
 
 within() { # seconds, command: a part that runs out of time does not stop the others
@@ -25,5 +27,5 @@ within() { # seconds, command: a part that runs out of time does not stop the ot
     within 130 "$python" -m benchmarks.throughput --task shoes_in_box --num-envs ${SHOES_SIZES:-1024 4096} \
         --steps "$steps" --repeats 3 --out "$results/throughput_shoes_in_box_gpu.json"
     within 230 "$python" -m benchmarks.table1 --preset "${PRESET:-gpu}" --updates "${UPDATES:-100}" --seeds 30 \
-        --methods ${METHODS:-graph env graphirl} --budget-minutes 1.5 --out "runs/table1_${PRESET:-gpu}"
+        --methods ${METHODS:-graph env graphirl} --budget-minutes 1.5 --out "$runs/table1_${PRESET:-gpu}"
 }

@@ -19,17 +19,16 @@ import jax
 import numpy as np
 import tyro
 
-from benchmarks.context import measured_on
-from graphrl_jax.importers.convert import track_recording
-from graphrl_jax.importers.magical import read_trajectories
-from graphrl_jax.importers.recording import files_of
-from graphrl_jax.runs import write_json
+from benchmarks.context import RESULTS, measured_on
+from graphrl_jax.perception.importers.convert import track_recording
+from graphrl_jax.perception.importers.magical import read_trajectories
+from graphrl_jax.perception.importers.recording import files_of
+from graphrl_jax.storage import write_json
 from tasks.match_regions import magical
 from tasks.match_regions.layouts import demo_scene
 from tasks.match_regions.objects import OBJECTS
 from tasks.match_regions.state import boxes
 
-RESULTS = Path("benchmarks/results")
 # Order of the objects in truth.npz, as node slots: star, square, three distractors, region, robot.
 TRUTH_SLOTS = (2, 3, 4, 5, 6, 0, 1)
 _NAMES = [OBJECTS.names[slot] for slot in TRUTH_SLOTS]

@@ -8,8 +8,6 @@ still solve the task. Asked of the task's physics and of a slower one that is ne
 benchmarks/results/magical_fidelity.json.
 """
 
-import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -20,15 +18,15 @@ import jax.numpy as jnp
 import numpy as np
 import tyro
 
-from benchmarks.context import measured_on
-from graphrl_jax.compilation import configure, jit_physics
-from graphrl_jax.runs import write_json
-from tasks.match_regions.env import MatchRegions
+from benchmarks.context import RESULTS, measured_on
+from benchmarks.timing import seconds_of
+from graphrl_jax.runtime import configure, jit_physics
+from graphrl_jax.storage import write_json
 from tasks.match_regions.layouts import blocks, demo_scene
 from tasks.match_regions.model import CONTROL_DT, FAITHFUL, Physics
 from tasks.match_regions.state import PhysicsState, score
+from tasks.match_regions.task import MatchRegions
 
-RESULTS = Path("benchmarks/results")
 VARIANTS = {"default": Physics(), "faithful": FAITHFUL}
 AHEAD = 10
 NUDGES, NUDGE = 16, 1e-6
@@ -157,15 +155,9 @@ def measure(physics: Physics, folder: Path) -> dict[str, Any]:
         "free_motion": free_motion(task, qpos, actions),
         "predictions": predictions(task, qpos, actions),
         "replays": replays(task, qpos, actions),
-        "replay_s": _seconds(lambda: replays(task, qpos, actions)),
+        "replay_s": seconds_of(lambda: replays(task, qpos, actions)),
         "physics": vars(physics),
     }
-
-
-def _seconds(call: Callable[[], Any]) -> float:
-    started = time.perf_counter()
-    call()
-    return time.perf_counter() - started
 
 
 def main() -> None:

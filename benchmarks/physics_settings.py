@@ -18,12 +18,12 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.context import measured_on
-from graphrl_jax.compilation import configure
-from graphrl_jax.runs import write_json
-from tasks.match_regions.env import MatchRegions
+from graphrl_jax.runtime import configure
+from graphrl_jax.storage import write_json
 from tasks.match_regions.expert import rollouts
 from tasks.match_regions.model import Physics
 from tasks.match_regions.state import score
+from tasks.match_regions.task import MatchRegions
 
 DEFAULT = Physics()
 VARIANTS = {
@@ -55,9 +55,9 @@ def measure(physics: Physics, episodes: int) -> dict[str, float]:
     task, kinds = MatchRegions(physics=physics), jnp.zeros(episodes, jnp.int32)
     jax.block_until_ready(rollouts(task, jax.random.key(1), kinds))
     started = time.perf_counter()
-    frames, scenes, _ = jax.block_until_ready(rollouts(task, jax.random.key(2), kinds))
+    frames, worlds, _ = jax.block_until_ready(rollouts(task, jax.random.key(2), kinds))
     seconds = time.perf_counter() - started
-    success = np.asarray(jax.vmap(score)(frames[:, -1], scenes)) == 1.0
+    success = np.asarray(jax.vmap(score)(frames[:, -1], worlds)) == 1.0
     return {"steps_per_s": episodes * task.episode_length / seconds, "expert_success": float(success.mean())}
 
 

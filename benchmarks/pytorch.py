@@ -2,7 +2,7 @@
 
     pip install -e ".[bench]" && python -m benchmarks.pytorch
 
-What is timed are optimiser steps (gradient of TCC and reconstruction, clipping, Adam), for JAX as `pretrain.run` makes
+What is timed are optimiser steps (gradient of TCC and reconstruction, clipping, Adam), for JAX as `trainer.run` makes
 them, for PyTorch eagerly, once with all pairs of sequences in one tensor and once pair by pair, as XIRL's released code
 runs. Both are on the CPU, with the same threads and the same formulas. Compared first are the losses, before and after
 as many steps as a call makes. They take turns several steps at a time: right after the other's, a step finds its
@@ -11,11 +11,9 @@ threads still spinning. Writes benchmarks/results/pytorch.json.
 
 import os
 import statistics
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import jax
@@ -24,18 +22,17 @@ import numpy as np
 import torch  # pyright: ignore[reportMissingImports]
 import tyro
 
-from benchmarks.context import measured_on
+from benchmarks.context import RESULTS, measured_on
 from benchmarks.scaling import made_up_batch
-from graphrl_jax import pretrain
-from graphrl_jax.compilation import configure
-from graphrl_jax.encoder import INPUT_SCALE
-from graphrl_jax.graph import Graph, ObjectTable
-from graphrl_jax.ppo import as_float32
-from graphrl_jax.pretrain import PretrainConfig, PretrainHyper, PretrainState
-from graphrl_jax.runs import write_json
-from graphrl_jax.task import make_task
-
-OUT = Path("benchmarks/results/pytorch.json")
+from benchmarks.timing import in_turns
+from graphrl_jax.graph import INPUT_SCALE, Graph, ObjectTable
+from graphrl_jax.pretrain import trainer
+from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
+from graphrl_jax.pretrain.trainer import PretrainState
+from graphrl_jax.registry import make_task
+from graphrl_jax.rl.ppo import as_float32
+from graphrl_jax.runtime import configure
+from graphrl_jax.storage import write_json
 
 Batch = tuple[Graph, jax.Array, jax.Array]
 """Graphs (b, F, ...), frame mask (b, F) and times (b, F)."""
@@ -57,12 +54,12 @@ class Options:
 
 
 def jax_steps(config: PretrainConfig, hyper: PretrainHyper, state: Any, batches: list[Batch]) -> Callable[[], float]:
-    """A call that goes on by a step per batch, in one program as in `pretrain.run`, and returns the last loss."""
+    """A call that goes on by a step per batch, in one program as in `trainer.run`, and returns the last loss."""
 
     @partial(jax.jit, donate_argnums=0)
     def run(state: PretrainState, batches: Batch) -> tuple[PretrainState, jax.Array]:
         def step(now: PretrainState, batch: Batch) -> tuple[PretrainState, jax.Array]:
-            now, metrics = pretrain.optimise(config, hyper, now, batch)
+            now, metrics = trainer.optimise(config, hyper, now, batch)
             return now, metrics["loss"]
 
         return jax.lax.scan(step, state, batches)
@@ -84,7 +81,7 @@ def perceptron(layers: list[tuple[torch.Tensor, torch.Tensor]], inputs: torch.Te
 
 
 def embed(params: dict[str, Any], graph: dict[str, torch.Tensor], hyper: PretrainHyper) -> tuple[torch.Tensor, ...]:
-    """Node and graph embeddings of graphs (b, F, ...): messages factored as in `encoder.py`, Eq. 1-2, head."""
+    """Node and graph embeddings of graphs (b, F, ...): messages factored as in `message_passing.py`, Eq. 1-2, head."""
     boxes, mask = graph["boxes"], graph["mask"]
     centres = INPUT_SCALE * boxes[..., :2]
     offsets = centres[..., None, :, :] - centres[..., :, None, :]
@@ -145,9 +142,9 @@ def torch_steps(hyper: PretrainHyper, params: Any, batches: list[Batch], pair_by
 
     encoder = params["encoder"]
     ours = {
-        "input": layers(encoder["input"]),
-        "layers": [{name: leaf(value) for name, value in layer.items()} for layer in encoder["layers"]],
-        "head": layers(encoder["head"]),
+        "input": layers(encoder.input),
+        "layers": [{name: leaf(value) for name, value in layer.items()} for layer in encoder.layers],
+        "head": layers(encoder.head),
         "decoder": layers(params["decoder"]),
     }
     seen = [
@@ -183,7 +180,7 @@ def steps_of(
 ) -> dict[str, Callable[[], float]]:
     """All three by name: calls that go on by a step per batch from the same parameters at a steady learning rate."""
     hyper = as_float32(PretrainHyper(warmup=0.0, final_learning_rate=PretrainHyper().learning_rate))
-    state = pretrain.init(config, objects, jax.random.key(seed))
+    state = trainer.init(config, objects, jax.random.key(seed))
     return {
         "jax": jax_steps(config, hyper, state, batches),
         "pytorch": torch_steps(hyper, state.params, batches, False),
@@ -207,13 +204,9 @@ def main() -> None:
     for found in losses.values():
         np.testing.assert_allclose(list(found.values()), found["jax"], rtol=1e-2)
     calls = steps_of(objects, config, batches, options.seed)
-    seconds: dict[str, list[float]] = {name: [] for name in calls}
-    for repeat in range(options.repeats + 1):
-        for name, call in calls.items():
-            started = time.perf_counter()
-            call()
-            if repeat:  # the first call of each warms up
-                seconds[name].append((time.perf_counter() - started) / options.steps)
+    seconds = {
+        name: [taken / options.steps for taken in times] for name, times in in_turns(calls, options.repeats).items()
+    }
     medians = {name: statistics.median(found) for name, found in seconds.items()}
     report = {
         "steps_per_second": {name: 1 / median for name, median in medians.items()},
@@ -223,7 +216,7 @@ def main() -> None:
         "seconds": seconds,
         **where,
     }
-    write_json(OUT, report)
+    write_json(RESULTS / "pytorch.json", report)
     print({name: round(value, 2) for name, value in report["times_faster"].items()})
 
 

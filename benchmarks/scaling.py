@@ -11,7 +11,6 @@ plot to `--out`'s folder.
 """
 
 import statistics
-import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,16 +20,22 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import tyro
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from benchmarks.checks import refuse_below
 from benchmarks.context import measured_on
-from graphrl_jax import encoder, pretrain, sweep
-from graphrl_jax.compilation import configure
+from benchmarks.figures import plain, save
+from benchmarks.timing import compiled, in_turns, to_the_end
+from graphrl_jax.encoder import encoder
+from graphrl_jax.encoder.config import EncoderConfig
+from graphrl_jax.encoder.pooling import PoolingParams
+from graphrl_jax.experiment import batching
 from graphrl_jax.graph import Graph, ObjectTable
-from graphrl_jax.ppo import as_float32
-from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
-from graphrl_jax.runs import write_atomically, write_json
+from graphrl_jax.pretrain import trainer
+from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
+from graphrl_jax.rl.ppo import as_float32
+from graphrl_jax.runtime import configure
+from graphrl_jax.storage import write_json
 
 Mapping = Callable[[Callable, int], Callable]
 
@@ -57,10 +62,7 @@ class Options:
     out: Path = Path("benchmarks/results/scaling.json")
 
     def __post_init__(self) -> None:
-        for name in ("nodes", "frames", "members", "repeats"):
-            least = {"nodes": 2, "frames": 2}.get(name, 1)
-            if np.size(getattr(self, name)) == 0 or np.min(getattr(self, name)) < least:
-                raise ValueError(f"{name} is {getattr(self, name)}; allowed: {least} or more")
+        refuse_below(self, nodes=2, frames=2, members=1, repeats=1)
 
 
 def table_of(num_slots: int) -> ObjectTable:
@@ -99,37 +101,31 @@ def made_up_batch(config: PretrainConfig, objects: ObjectTable, seed: int) -> tu
 
 def timed(function: Callable, arguments: tuple, repeats: int) -> dict[str, float]:
     """Seconds that a call takes (the median), and that compiling takes."""
-    started = time.perf_counter()
-    compiled = jax.jit(function).lower(*arguments).compile()
-    compile_s = time.perf_counter() - started
-    seconds = []
-    for _ in range(repeats + 1):
-        started = time.perf_counter()
-        jax.block_until_ready(compiled(*arguments))
-        seconds.append(time.perf_counter() - started)
-    return {"seconds": statistics.median(seconds[1:]), "compile_s": compile_s}
+    program, compile_s = compiled(jax.jit(function), arguments)
+    seconds = in_turns({"call": to_the_end(program, arguments)}, repeats)["call"]
+    return {"seconds": statistics.median(seconds), "compile_s": compile_s}
 
 
 def embedding(num_slots: int, repeats: int) -> dict[str, float]:
     """Embedding a batch of graphs."""
     objects = table_of(num_slots)
-    params = encoder.init(jax.random.key(0), encoder.EncoderConfig(), objects.num_classes)
+    params = encoder.init(jax.random.key(0), EncoderConfig(), objects)
     graphs = made_up_graphs(objects, (GRAPHS,), 0)
-    return timed(jax.vmap(encoder.encode, in_axes=(None, 0, None, None)), (params, graphs, 2.0, 1.0), repeats)
+    return timed(jax.vmap(encoder.encode, in_axes=(None, 0, None)), (params, graphs, PoolingParams()), repeats)
 
 
 def optimising(
-    config: PretrainConfig, num_slots: int, repeats: int, members: int = 1, mapped: Mapping = sweep.each
+    config: PretrainConfig, num_slots: int, repeats: int, members: int = 1, mapped: Mapping = batching.each
 ) -> dict[str, float]:
     """An optimiser's step of some members."""
     objects, hyper = table_of(num_slots), as_float32(PretrainHyper())
-    states = [pretrain.init(config, objects, jax.random.key(seed)) for seed in range(members)]
+    states = [trainer.init(config, objects, jax.random.key(seed)) for seed in range(members)]
     batches = [made_up_batch(config, objects, seed) for seed in range(members)]
 
-    def step(state: pretrain.PretrainState, batch: Any) -> pretrain.PretrainState:
-        return pretrain.optimise(config, hyper, state, batch)[0]
+    def step(state: trainer.PretrainState, batch: Any) -> trainer.PretrainState:
+        return trainer.optimise(config, hyper, state, batch)[0]
 
-    return timed(mapped(step, members), (sweep.stack(states), sweep.stack(batches)), repeats)
+    return timed(mapped(step, members), (batching.stack(states), batching.stack(batches)), repeats)
 
 
 def measure(options: Options) -> dict[str, dict[int, dict[str, float]]]:
@@ -142,7 +138,7 @@ def measure(options: Options) -> dict[str, dict[int, dict[str, float]]]:
             count: optimising(replace(config, num_frames=count), CLASSES, repeats) for count in options.frames
         },
         "side_by_side": {count: optimising(config, CLASSES, repeats, count) for count in options.members},
-        "in_turn": {count: optimising(config, CLASSES, repeats, count, sweep.in_turn) for count in options.members},
+        "in_turn": {count: optimising(config, CLASSES, repeats, count, batching.in_turn) for count in options.members},
     }
     for row in found["embedding"].values():
         row["seconds"] /= GRAPHS
@@ -163,13 +159,13 @@ PANELS = {
 
 def figure(found: dict[str, dict[int, dict[str, float]]], path: Path) -> None:
     """A panel for each size."""
-    picture = Figure(figsize=(14, 3), dpi=120, layout="constrained")
-    for axes, (name, (label, unit, scale)) in zip(picture.subplots(1, len(PANELS)), PANELS.items(), strict=True):
+    drawn = Figure(figsize=(14, 3), dpi=120, layout="constrained")
+    for axes, (name, (label, unit, scale)) in zip(drawn.subplots(1, len(PANELS)), PANELS.items(), strict=True):
         rows = found[name]
         axes.plot(list(rows), [scale * row["seconds"] for row in rows.values()], marker="o")
         axes.set(xlabel=label, ylabel=unit, ylim=(0, None), xticks=list(rows))
-        axes.spines[["top", "right"]].set_visible(False)
-    write_atomically(path, FigureCanvasAgg(picture).print_png)
+        plain(axes)
+    save(drawn, path)
 
 
 def main() -> None:

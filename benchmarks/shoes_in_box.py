@@ -1,15 +1,17 @@
-"""The learned reward on Shoes in Box: profile, discrimination of successes from failures, stages. One command:
+"""The learned reward on Shoes in Box: profile, discrimination of successes from failures, subtasks. One command:
 
     python -m benchmarks.shoes_in_box [--preset smoke]
 
 It makes demonstrations, trains an encoder per reward and seed, and judges all of them by the same successes and
 failures of a seed of their own, which no encoder saw. What is in `--out` already is used again, so an interrupted
-command goes on, at the commit it began with only. Writes shoes_in_box.json and pictures to `benchmarks/results`
+command goes on, at the commit it began with only. Writes shoes_in_box.json and figures to `benchmarks/results`
 (smoke: to `--out`).
 """
 
 import shutil
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -17,29 +19,35 @@ import jax
 import numpy as np
 import tyro
 
-from benchmarks.context import measured_on
-from benchmarks.shoes_in_box_figures import profile_figure, stages_figure
+from benchmarks.context import RESULTS, measured_on
+from benchmarks.shoes_in_box_figures import profile_figure, subtasks_figure
 from graphrl_jax import demonstrations as demonstration_files
-from graphrl_jax import pipeline, training
-from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.discrimination import discrimination
-from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
+from graphrl_jax.experiment.checkpoints import load_reward
+from graphrl_jax.experiment.keys import RunStage, stage_key
+from graphrl_jax.experiment.run_directory import Run, RunError
+from graphrl_jax.experiment.settings import Settings, compose
+from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
+from graphrl_jax.pretrain.config import PretrainConfig
 from graphrl_jax.progress import Progress
-from graphrl_jax.reward import RewardModel, demonstration_rewards
-from graphrl_jax.runs import Run, RunError, read_json, write_json
-from graphrl_jax.task import make_task
+from graphrl_jax.registry import make_task
+from graphrl_jax.reward.config import SUBTASK_METHODS
+from graphrl_jax.reward.discrimination import discrimination
+from graphrl_jax.reward.model import RewardModel, demonstration_rewards
+from graphrl_jax.reward.subtasks import demonstration_subtasks
+from graphrl_jax.runtime import configure
+from graphrl_jax.storage import read_json, write_json
 from tasks.shoes_in_box import expert
-from tasks.shoes_in_box.env import ShoesInBox
+from tasks.shoes_in_box.state import success
+from tasks.shoes_in_box.task import ShoesInBox
 
-RESULTS = Path("benchmarks/results")
 TRAINING_SEED, VALIDATION_SEED, LAYOUT_SEED = 0, 1007, 1008
-REWARDS: dict[str, dict[str, float]] = {
-    "graph": {},
-    "graph_with_robot": pipeline.WITH_ROBOT,
-    "graph_robot_heard": {"robot_messages": 1.0},
+REWARDS: dict[str, tuple[str, dict[str, float]]] = {
+    "graph": ("graph", {}),
+    "graph_with_robot": ("graph_with_robot", {}),
+    "graph_robot_heard": ("graph", {"robot_messages": 1.0}),
 }
-"""Floats of pretraining by which each reward differs from the task's: ours w/o and w/ robot, and the robot left out of
+"""Methods, and floats of pretraining by which each reward differs: ours w/o and w/ robot, and the robot left out of
 the pooling alone (Eq. 1 to the letter), where its messages still reach the other nodes."""
 
 
@@ -85,42 +93,33 @@ def claim(out: Path, began: dict[str, Any]) -> None:
     write_json(out / "config.json", began)
 
 
-def kept_demonstrations(
-    task: ShoesInBox, path: Path, seed: int, successes: int, failures: int, picture_size: int | None = None
-) -> Demonstrations:
-    """Demonstrations of a seed, made once."""
-    if not path.exists():
-        key = pipeline.stage_key(seed, pipeline.DEMONSTRATIONS)
-        task.demonstrate(key, successes, failures, picture_size).save(path)
-    return demonstration_files.load(path)
+def demonstrations(task: ShoesInBox, out: Path, preset: str, image_size: int | None = None) -> list[Demonstrations]:
+    """What rewards learn from and what they are judged on, made once; with images if wanted."""
+    sizes, end = PRESETS[preset], "" if image_size is None else f"_{image_size}"
+    wanted = {
+        f"demonstrations{end}.npz": (TRAINING_SEED, sizes.demonstrations, 0),
+        f"validation{end}.npz": (VALIDATION_SEED, sizes.successes, sizes.failures),
+    }
+    for name, (seed, successes, failures) in wanted.items():
+        if not (out / name).exists():
+            key = stage_key(seed, RunStage.DEMONSTRATIONS)
+            task.demonstrate(key, successes, failures, image_size).save(out / name)
+    return [demonstration_files.load(out / name) for name in wanted]
 
 
-def trained(
-    task: ShoesInBox,
-    demos: Demonstrations,
-    name: str,
-    seed: int,
-    config: PretrainConfig,
-    hyper: PretrainHyper,
-    out: Path,
-) -> RewardModel:
-    """The reward of one encoder, trained once."""
-    path = out / f"{name}_{seed}"
+def trained(task: ShoesInBox, demos: Demonstrations, name: str, settings: Settings, out: Path) -> RewardModel:
+    """The reward of one encoder, trained once; of a method's settings, or those of a part of one."""
+    path, config = out / f"{name}_{settings.seed}", settings.pretrain_config
     if not (path / "encoder.npz").exists():
         shutil.rmtree(path, ignore_errors=True)  # left by an interrupted training
-        run = Run.create(path, {"command": "benchmark", "task": task.name, "reward": name, "seed": seed})
+        run = Run.create(path, "benchmark", {"task": task.name, "reward": name, "seed": settings.seed})
         with Progress() as progress:
-            training.train_encoder(run, demos, config, hyper, seed, progress)
-    return pipeline.load_reward(Run(path), config.encoder, task, config.persistent)
-
-
-def whole_episodes(demos: Demonstrations) -> Demonstrations:
-    """The same episodes, not cut where a demonstration ends but followed to the task's time limit."""
-    return replace(demos, lengths=np.full(len(demos), demos.num_frames, np.int32))
+            train_encoders([EncoderJob(run, demos, settings.pretrain, settings.seed)], config, progress)
+    return load_reward(Run(path), config, task.objects)
 
 
 def true_progress(demos: Demonstrations) -> np.ndarray:
-    """Minus the share of stages left at every frame, (B, T): what a perfect step-like reward would say."""
+    """Minus the share of subtasks left at every frame, (B, T): what a perfect step-like reward would say."""
     assert demos.events is not None
     frames = np.arange(demos.num_frames)[:, None]
     return -1.0 + ((demos.events[:, None] >= 0) & (frames >= demos.events[:, None])).mean(-1)
@@ -137,26 +136,31 @@ def discriminate(rewards: np.ndarray, demos: Demonstrations) -> dict[str, Any]:
     return {**discrimination(rewards, demos.lengths, demos.success), "kinds": kinds}
 
 
+def discriminate_cuts(rewards_of: Callable[[Demonstrations], Any], demos: Demonstrations) -> dict[str, Any]:
+    """Discrimination on demonstrations as they are, and on the same episodes followed to the task's time limit."""
+    whole = replace(demos, lengths=np.full(len(demos), demos.num_frames, np.int32))
+    cuts = {"demonstrations": demos, "whole_episodes": whole}
+    return {cut: discriminate(np.asarray(rewards_of(some)), some) for cut, some in cuts.items()}
+
+
 def judge(model: RewardModel, demos: Demonstrations) -> dict[str, Any]:
-    """Discrimination on demonstrations and on whole episodes; stages of every kind of episode, by every method."""
-    whole = whole_episodes(demos)
+    """Discrimination on both cuts; subtasks of every kind of episode, by every method."""
     kinds = {str(kind): demos.select(demos.kinds == kind) for kind in np.unique(np.asarray(demos.kinds))}
     return {
-        "demonstrations": discriminate(np.asarray(demonstration_rewards(model, demos)), demos),
-        "whole_episodes": discriminate(np.asarray(demonstration_rewards(model, whole)), whole),
+        **discriminate_cuts(partial(demonstration_rewards, model), demos),
         "stages": {
-            method: {kind: pipeline.demonstration_stages(model, some, method)["judged"] for kind, some in kinds.items()}
-            for method in pipeline.STAGE_METHODS
+            method: {kind: demonstration_subtasks(model, some, method)["judged"] for kind, some in kinds.items()}
+            for method in SUBTASK_METHODS
         },
     }
 
 
 def try_expert(task: ShoesInBox, layouts: int) -> tuple[Any, np.ndarray, np.ndarray]:
     """One attempt at each of so many unseen layouts: states (B, T, ...), frames until done (B,), success (B,)."""
-    key = pipeline.stage_key(LAYOUT_SEED, pipeline.DEMONSTRATIONS)
+    key = stage_key(LAYOUT_SEED, RunStage.DEMONSTRATIONS)
     states, busy = jax.tree.map(np.asarray, expert.rollouts(task, key, np.zeros(layouts, np.int32)))
     last = jax.tree.map(lambda leaf: leaf[:, -1], states)
-    return states, busy, np.asarray(jax.vmap(expert.environment.success)(last))
+    return states, busy, np.asarray(jax.vmap(success)(last))
 
 
 def main() -> None:
@@ -170,26 +174,21 @@ def main() -> None:
     results = RESULTS if options.preset == "default" else out
     task = make_task("shoes_in_box")
     assert isinstance(task, ShoesInBox)
-    demos = kept_demonstrations(task, out / "demonstrations.npz", TRAINING_SEED, sizes.demonstrations, 0)
-    unseen = kept_demonstrations(task, out / "validation.npz", VALIDATION_SEED, sizes.successes, sizes.failures)
+    demos, unseen = demonstrations(task, out, options.preset)
     states, busy, solved = try_expert(task, sizes.layouts)
     rows = []
-    for name in REWARDS:
+    for name, (method, floats) in REWARDS.items():
         for seed in range(sizes.seeds):
-            hyper = replace(task.pretraining, **REWARDS[name])
-            model = trained(task, demos, name, seed, PretrainConfig(steps=sizes.steps), hyper, out)
+            settings = compose(task, method, seed=seed, pretrain={"steps": sizes.steps, **floats})
+            model = trained(task, demos, name, settings, out)
             rows.append({"reward": name, "seed": seed, "exponent": float(model.exponent), **judge(model, unseen)})
             print(name, seed, {cut: rows[-1][cut]["rho"] for cut in ("demonstrations", "whole_episodes")})
             if (name, seed) == ("graph", 0):
                 profile_figure(task, model, unseen, states, busy, solved, results / "shoes_in_box_profile.png")
-                stages_figure(model, unseen, results / "shoes_in_box_stages.png")
-    progress = true_progress(unseen)
+                subtasks_figure(model, unseen, results / "shoes_in_box_stages.png")
     report = {
         "expert": {"layouts": len(solved), "solved": int(solved.sum()), "seed": LAYOUT_SEED},
-        "true_progress": {
-            "demonstrations": discriminate(progress, unseen),
-            "whole_episodes": discriminate(progress, whole_episodes(unseen)),
-        },
+        "true_progress": discriminate_cuts(true_progress, unseen),
         "rewards": rows,
         "seeds": {"demonstrations": TRAINING_SEED, "validation": VALIDATION_SEED},
         "sizes": vars(sizes),

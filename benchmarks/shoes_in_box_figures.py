@@ -1,4 +1,4 @@
-"""Pictures of the learned reward on Shoes in Box: its profile under frames of the scene, and the stages found in it."""
+"""Figures of the learned reward on Shoes in Box: its profile under frames of the scene, and subtasks found in it."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -6,18 +6,17 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.offsetbox import AnnotationBbox, OffsetImage
 
-from graphrl_jax import pipeline, stages
+from benchmarks.figures import plain, save
 from graphrl_jax.demonstrations import Demonstrations, reached_for_good
-from graphrl_jax.reward import RewardModel, demonstration_rewards
-from graphrl_jax.runs import write_atomically
+from graphrl_jax.reward.model import RewardModel, demonstration_rewards
+from graphrl_jax.reward.subtasks import demonstration_subtasks, true_boundaries
 from tasks.shoes_in_box import expert, render
-from tasks.shoes_in_box.env import ShoesInBox
+from tasks.shoes_in_box.task import ShoesInBox
 
-PICTURES, OTHERS = 7, 8
+IMAGES, OTHERS = 7, 8
 
 
 def profile_figure(
@@ -29,7 +28,7 @@ def profile_figure(
     solved: np.ndarray,
     path: Path,
 ) -> None:
-    """The reward over time of a success (the first of `states` that is one), with pictures above it and events marked.
+    """The reward over time of a success (the first of `states` that is one), with images above it and events marked.
 
     Behind it, in grey, those of other successes.
     """
@@ -47,7 +46,7 @@ def profile_figure(
     )
     seconds = np.arange(length) / demos.frame_rate
     figure = Figure(figsize=(12, 5.6), dpi=110, layout="constrained")
-    pictures, axes = figure.subplots(2, 1, height_ratios=(1, 2.2))
+    images, axes = figure.subplots(2, 1, height_ratios=(1, 2.2))
     others = demos.successes().select(np.arange(min(OTHERS, int(demos.success.sum()))))
     for reward, until in zip(np.asarray(demonstration_rewards(model, others)), others.lengths, strict=True):
         axes.plot(np.arange(until) / demos.frame_rate, reward[:until], color="0.8", linewidth=0.8)
@@ -55,14 +54,14 @@ def profile_figure(
     for name, frame in zip(task.event_names, reached_for_good(events[None])[0], strict=True):
         _mark(axes, frame / demos.frame_rate, name.replace("_", " "))
     axes.set(xlabel="time (s)", ylabel="learned reward", xlim=(0, seconds[-1]))
-    axes.spines[["top", "right"]].set_visible(False)
-    pictures.set(xlim=(0, seconds[-1]), ylim=(0, 1))
-    pictures.axis("off")
-    # Each picture stands above its own moment.
-    for frame in ((np.arange(PICTURES) + 0.5) / PICTURES * length).astype(int):
+    plain(axes)
+    images.set(xlim=(0, seconds[-1]), ylim=(0, 1))
+    images.axis("off")
+    # Each image stands above its own moment.
+    for frame in ((np.arange(IMAGES) + 0.5) / IMAGES * length).astype(int):
         image = OffsetImage(render.draw_scene(states.qpos[shown, frame], states.box[shown, frame], 150), zoom=0.72)
-        pictures.add_artist(AnnotationBbox(image, (seconds[frame], 0.5), frameon=False))
-    write_atomically(path, FigureCanvasAgg(figure).print_png)
+        images.add_artist(AnnotationBbox(image, (seconds[frame], 0.5), frameon=False))
+    save(figure, path)
 
 
 def _mark(axes: Axes, second: float, name: str) -> None:
@@ -71,24 +70,24 @@ def _mark(axes: Axes, second: float, name: str) -> None:
     axes.text(second, 0.02, f"{name} ", **at)
 
 
-def stages_figure(model: RewardModel, demos: Demonstrations, path: Path) -> None:
+def subtasks_figure(model: RewardModel, demos: Demonstrations, path: Path) -> None:
     """Profiles of three successes and of a failure of three kinds, boundaries found (lines) and true (triangles)."""
     assert demos.kinds is not None and demos.events is not None
     failed = [int(np.flatnonzero(demos.kinds == kind)[0]) for kind in ("lid_falls_shut", "shoe_dropped", "one_shoe")]
     some = demos.select(np.concatenate([np.flatnonzero(demos.success)[:3], failed]))
     assert some.kinds is not None and some.events is not None
     rewards = np.asarray(demonstration_rewards(model, some))
-    found = pipeline.demonstration_stages(model, some, pipeline.STAGE_METHODS[0])["stages"]
+    found = demonstration_subtasks(model, some)["subtasks"]
     figure = Figure(figsize=(12, 5), dpi=110, layout="constrained")
     for index, axes in enumerate(figure.subplots(2, 3, sharey=True).ravel()):
         length = int(some.lengths[index])
         axes.plot(np.arange(length) / some.frame_rate, rewards[index, :length], color="tab:green")
         for frame in found[index]["boundaries"]:
             axes.axvline(frame / some.frame_rate, color="tab:blue", linewidth=1)
-        true = np.array(stages.true_boundaries(some.events[index], length))
+        true = np.array(true_boundaries(some.events[index], length))
         axes.plot(true / some.frame_rate, np.full(len(true), 0.03), "^", color="tab:orange",
                   transform=axes.get_xaxis_transform())  # fmt: skip
         axes.set(xlabel="time (s)", title=str(some.kinds[index]).replace("_", " "))
-        axes.spines[["top", "right"]].set_visible(False)
+        plain(axes)
     figure.suptitle("Learned reward, boundaries found (blue) and true events (orange)")
-    write_atomically(path, FigureCanvasAgg(figure).print_png)
+    save(figure, path)

@@ -5,7 +5,7 @@
     encoders  5 alphas x 3 seeds with the default sizes, for each number of steps
     policies  of the smoke size, on rewards of their own
 
-What is timed is `training.train_encoders` and `training.train_policies`, once for all members and then for one after
+What is timed is `train_encoders` and `train_policies`, once for all members and then for one after
 the other, each time with nothing compiled and no cache on disk, as if every run were its machine's first. On one
 machine all but the first find their programs in the cache; what is left of the saving then is what is left without
 compiling. Making demonstrations and judging results take the same either way and are left out. Writes
@@ -15,7 +15,7 @@ benchmarks/results/sweeps.json.
 import tempfile
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -23,16 +23,19 @@ import jax
 import numpy as np
 import tyro
 
+from benchmarks.checks import refuse_below
 from benchmarks.context import measured_on
 from benchmarks.throughput import random_reward
-from graphrl_jax import pipeline
-from graphrl_jax.compilation import CompileLog, configure
-from graphrl_jax.pretrain import PretrainHyper
+from graphrl_jax.experiment.experiment import make_demonstrations
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.experiment.settings import compose
+from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
+from graphrl_jax.experiment.train_policy import PolicyJob, train_policies
 from graphrl_jax.progress import Progress
-from graphrl_jax.runs import VERSION, Run, write_json
-from graphrl_jax.settings import Settings
-from graphrl_jax.task import Task, make_task
-from graphrl_jax.training import EncoderJob, PolicyJob, train_encoders, train_policies
+from graphrl_jax.registry import make_task
+from graphrl_jax.runtime import CompileLog, configure
+from graphrl_jax.storage import write_json
+from graphrl_jax.task import Task
 
 TASK = "match_regions"
 ALPHAS = (1.0, 2.0, 4.0, 8.0, 16.0)
@@ -62,9 +65,9 @@ class Options:
     out: Path = Path("benchmarks/results/sweeps.json")
 
     def __post_init__(self) -> None:
-        for name in ("encoder_steps", "policies"):
-            if np.min(getattr(self, name), initial=1) < 1:
-                raise ValueError(f"{name} is {getattr(self, name)}; allowed: 1 or more")
+        refuse_below(self, policies=1)
+        if self.encoder_steps:
+            refuse_below(self, encoder_steps=1)
 
 
 def compared(
@@ -103,38 +106,41 @@ def compared(
     }
 
 
-def folder(path: Path, settings: Settings) -> Run:
-    """A run's folder as `train.py` makes it."""
-    return Run.create(path, {"command": "train", "version": VERSION, **asdict(settings)})
-
-
 def encoders(task: Task, steps: int, log: CompileLog, root: Path) -> dict[str, Any]:
     """Encoders of five alphas and three seeds."""
-    settings = [Settings(task=TASK, preset="cpu", seed=seed, encoder_steps=steps) for seed in SEEDS]
-    demos = [pipeline.make_demonstrations(task, one) for one in settings]
+    settings = [
+        compose(task, preset="cpu", seed=seed, pretrain={"steps": steps, "alpha": alpha})
+        for alpha in ALPHAS
+        for seed in SEEDS
+    ]
+    demos = {one.seed: make_demonstrations(task, one) for one in settings[: len(SEEDS)]}
 
     def make_jobs(name: str) -> list[EncoderJob]:
         return [
-            EncoderJob(folder(root / name / f"{alpha:g}_{one.seed}", one), shown, PretrainHyper(alpha=alpha), one.seed)
-            for alpha in ALPHAS
-            for one, shown in zip(settings, demos, strict=True)
+            EncoderJob(
+                Run.start(root / name / f"{one.pretrain.alpha:g}_{one.seed}", one),
+                demos[one.seed],
+                one.pretrain,
+                one.seed,
+            )
+            for one in settings
         ]
 
     def train(jobs: Sequence[EncoderJob]) -> None:
         with Progress() as progress:
-            train_encoders(jobs, settings[0].pretraining, progress)
+            train_encoders(jobs, settings[0].pretrain_config, progress)
 
     return {"steps": steps, **compared(make_jobs, train, log, "pretrain")}
 
 
 def policies(task: Task, count: int, log: CompileLog, root: Path) -> dict[str, Any]:
     """Policies of several seeds, each on a reward of its own."""
-    settings = [Settings(task=TASK, preset="smoke", seed=seed) for seed in range(count)]
+    settings = [compose(task, preset="smoke", seed=seed) for seed in range(count)]
     rewards = [random_reward(task, jax.random.key(seed)) for seed in range(count)]
 
     def make_jobs(name: str) -> list[PolicyJob]:
         return [
-            PolicyJob(folder(root / name / str(one.seed), one), one, reward)
+            PolicyJob(Run.start(root / name / str(one.seed), one), one, reward)
             for one, reward in zip(settings, rewards, strict=True)
         ]
 
@@ -142,8 +148,7 @@ def policies(task: Task, count: int, log: CompileLog, root: Path) -> dict[str, A
         with Progress() as progress:
             train_policies(jobs, task, progress, jobs[0].run.path.parent if len(jobs) > 1 else None)
 
-    updates = settings[0].sizes.updates
-    return {"updates": updates, **compared(make_jobs, train, log, "ppo")}
+    return {"updates": settings[0].updates, **compared(make_jobs, train, log, "ppo")}
 
 
 def main() -> None:

@@ -11,35 +11,39 @@ table1_gpu), from all finished members.
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
 import tyro
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from benchmarks.context import measured_on
-from benchmarks.exploits import unseen_audit, unseen_trajectories
-from benchmarks.match_regions import half_solved_at
-from benchmarks.tuning import METHODS, chosen
-from graphrl_jax import pipeline, runs
-from graphrl_jax.cli import Train, load_run, train
-from graphrl_jax.compilation import configure
+from benchmarks.checks import refuse_unknown
+from benchmarks.context import RESULTS, measured_on
+from benchmarks.exploits import unseen_trajectories
+from benchmarks.figures import plain, save
+from benchmarks.finished import judge_run, together
+from benchmarks.tuning import TUNED, chosen
+from graphrl_jax.cli import train
+from graphrl_jax.cli.requests import Train
 from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.evaluators import interval
-from graphrl_jax.pretrain import PretrainHyper
-from graphrl_jax.reward import RewardModel
-from graphrl_jax.runs import Run, read_json, write_atomically, write_json
-from graphrl_jax.settings import Settings
-from graphrl_jax.task import Task, make_task
+from graphrl_jax.experiment.checkpoints import load_run
+from graphrl_jax.experiment.methods import METHODS
+from graphrl_jax.experiment.presets import PRESETS
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.experiment.settings import compose
+from graphrl_jax.registry import make_task
+from graphrl_jax.runtime import configure
+from graphrl_jax.storage import read_json, write_json
+from graphrl_jax.task import Task
 
-RESULTS = Path("benchmarks/results")
 TASK = "match_regions"
-KEPT = ("env_steps", "train_steps_per_s", "wall_s", "resumed")
+KEPT = ("env_steps", "train_steps_per_s", "wall_s", "resumed", "reward", "training_seed")
 EPISODES = {"smoke": 16, "cpu": 256, "gpu": 256}
+ORDER = ("graph", "env", "graphirl", "graph_with_robot", "graphirl_with_robot", "xirl")
+"""Methods in the order in which they are trained."""
 
 
 @dataclass(frozen=True)
@@ -57,7 +61,7 @@ class Options:
     """
 
     preset: Literal["smoke", "cpu", "gpu"] = "cpu"
-    methods: tuple[str, ...] = METHODS
+    methods: tuple[str, ...] = ORDER
     seeds: tuple[int, ...] = (30, 31, 32, 33, 34)
     updates: int | None = None
     budget_minutes: float | None = None
@@ -65,25 +69,27 @@ class Options:
     evaluation_seed: int = 7
 
     def __post_init__(self) -> None:
-        for method in self.methods:
-            if method not in METHODS:
-                raise ValueError(f"--methods {method!r}; allowed: {', '.join(METHODS)}")
+        refuse_unknown("--methods", self.methods, ORDER)
+
+
+def train_missing(task: Task, options: Options) -> None:
+    """Trains members, or what is left of them, as long as the budget lasts."""
+    started = time.monotonic()
+    for seed in options.seeds:
+        for method in options.methods:
+            path = options.out / f"{method}_{seed}"
+            spent = (time.monotonic() - started) / 60
+            late = options.budget_minutes is not None and spent > options.budget_minutes
+            if not late and not (path / "summary.json").exists():
+                train_member(task, options, method, seed, path)
 
 
 def train_member(task: Task, options: Options, method: str, seed: int, path: Path) -> None:
     """Trains one member, or what is left of it."""
     if not path.exists():
-        hyper = pipeline.pretrain_hyper(task, PretrainHyper().alpha, method)
-        settings = Settings(
-            task=TASK,
-            reward=method,  # type: ignore[arg-type]
-            preset=options.preset,
-            seed=seed,
-            updates=options.updates,
-            pretrain=replace(hyper, **chosen(method)),
-        )
-        Run.create(path, {"command": "train", "version": runs.VERSION, **asdict(settings)})
-    train(Train(out=path, resume=True))
+        settings = compose(task, method, options.preset, seed, updates=options.updates, pretrain=chosen(method))
+        Run.start(path, settings)
+    print(train.run(Train(out=path, resume=True)))
     write_json(path / "trained_on.json", measured_on("table1"))
 
 
@@ -103,18 +109,11 @@ def kept_judgement(path: Path, unseen: Callable[[], Demonstrations], options: Op
 
 def judged(path: Path, unseen: Demonstrations, options: Options) -> dict[str, Any]:
     """A finished member's policy on the unseen episodes, its learning curve, and the audit of a learned reward."""
-    task, settings, reward, policy = load_run(Run(path))
-    seed = options.evaluation_seed
-    member = pipeline.evaluate_policy(task, settings, reward, policy, EPISODES[options.preset], seed)
-    summary = read_json(path / "summary.json")
-    member |= {name: summary[name] for name in KEPT} | {"reward": settings.reward, "training_seed": settings.seed}
-    member["half_solved_at"] = half_solved_at(Run(path))
-    member["curve"] = curve(Run(path))
-    if isinstance(reward, RewardModel):
-        audited = unseen_audit(task, reward, unseen, seed)
-        member |= {"pretrain_s": summary["encoder"]["pretrain_s"], "audit": audited}
-        floats = {name: float(getattr(settings.pretrain, name)) for name in ("learning_rate", "temperature")}
-        member["tuned"] = floats
+    run, trained = Run(path), load_run(path)
+    member = judge_run(run, trained, KEPT, EPISODES[options.preset], options.evaluation_seed, unseen)
+    member["curve"] = curve(run)
+    if trained.settings.method.encoder is not None:
+        member["tuned"] = {name: float(getattr(trained.settings.pretrain, name)) for name in TUNED}
     return member
 
 
@@ -124,17 +123,6 @@ def curve(run: Run) -> dict[str, list[float]]:
     steps = [line["env_steps"] for line in lines]
     seconds = np.cumsum(np.diff(steps, prepend=0) / [line["steps_per_s"] for line in lines])
     return {"env_steps": steps, "seconds": seconds.tolist(), "success": [line["success"] for line in lines]}
-
-
-def together(members: list[dict[str, Any]]) -> dict[str, Any]:
-    """Mean and interval over a method's members."""
-    rates = [member["success_rate"] for member in members]
-    return {
-        "success_rate": float(np.mean(rates)),
-        "success_interval_95": interval(rates),
-        "mean_score": float(np.mean([member["mean_score"] for member in members])),
-        "runs": members,
-    }
 
 
 def curves_figure(methods: dict[str, dict[str, Any]], path: Path) -> None:
@@ -153,10 +141,22 @@ def curves_figure(methods: dict[str, dict[str, Any]], path: Path) -> None:
             (line,) = axes.plot(x.mean(0) / unit, y.mean(0), label=f"{method} ({len(found)})")
             axes.fill_between(x.mean(0) / unit, y.min(0), y.max(0), color=line.get_color(), alpha=0.15, linewidth=0)
         axes.set(xlabel=label, ylim=(-0.02, 1.02))
-        axes.spines[["top", "right"]].set_visible(False)
+        plain(axes)
     figure.axes[0].set_ylabel("success, training episodes")
     figure.axes[0].legend(frameon=False, fontsize=8)
-    write_atomically(path, FigureCanvasAgg(figure).print_png)
+    save(figure, path)
+
+
+def finished_members(options: Options) -> dict[str, list[Path]]:
+    """Folders of finished members by method, in order; methods without any are left out."""
+    found = {method: sorted(options.out.glob(f"{method}_[0-9]*/summary.json")) for method in ORDER}
+    return {method: [path.parent for path in paths] for method, paths in found.items() if paths}
+
+
+def image_size(options: Options) -> int | None:
+    """Size of the images that members look at; None where none of them needs images."""
+    found = any(METHODS[method].needs == "images" for method in finished_members(options))
+    return PRESETS[options.preset].pretrain["images"].encoder.image_size if found else None
 
 
 def main() -> None:
@@ -164,22 +164,13 @@ def main() -> None:
     options = tyro.cli(Options, description=__doc__)
     configure()
     where = measured_on("table1")
-    started = time.monotonic()
     task = make_task(TASK)
-    for seed in options.seeds:
-        for method in options.methods:
-            path = options.out / f"{method}_{seed}"
-            spent = (time.monotonic() - started) / 60
-            late = options.budget_minutes is not None and spent > options.budget_minutes
-            if not late and not (path / "summary.json").exists():
-                train_member(task, options, method, seed, path)
-    unseen = cache(lambda: unseen_trajectories(task, options.evaluation_seed, picture_size(options)))
+    train_missing(task, options)
+    unseen = cache(lambda: unseen_trajectories(task, options.evaluation_seed, image_size(options)))
     methods: dict[str, dict[str, Any]] = {}
-    for method in METHODS:
-        finished = sorted(path.parent for path in options.out.glob(f"{method}_[0-9]*/summary.json"))
-        if finished:
-            methods[method] = together([kept_judgement(path, unseen, options) for path in finished])
-            print(method, {name: methods[method][name] for name in ("success_rate", "success_interval_95")})
+    for method, paths in finished_members(options).items():
+        methods[method] = together([kept_judgement(path, unseen, options) for path in paths])
+        print(method, {name: methods[method][name] for name in ("success_rate", "success_interval_95")})
     if not methods:
         raise SystemExit(f"--out {options.out} holds no finished member, and --budget-minutes left none to train")
     results = options.out if options.preset == "smoke" else RESULTS
@@ -187,12 +178,6 @@ def main() -> None:
     report = {"methods": methods, "episodes": EPISODES[options.preset], "seed": options.evaluation_seed, **where}
     write_json(results / f"{name}.json", report)
     curves_figure(methods, results / f"{name}.png")
-
-
-def picture_size(options: Options) -> int | None:
-    """Size of the pictures that members of XIRL look at; None without such members."""
-    found = any(options.out.glob("xirl_[0-9]*/summary.json"))
-    return Settings(reward="xirl", preset=options.preset).pretraining.encoder.picture_size if found else None
 
 
 if __name__ == "__main__":

@@ -8,37 +8,38 @@ XIRL sees them through MuJoCo's renderer, which needs a graphics library. What i
 encoder by encoder. Writes table2.json to `benchmarks/results` (smoke: to `--out`).
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
 import tyro
 
-from benchmarks.context import measured_on
+from benchmarks.checks import refuse_unknown
+from benchmarks.context import RESULTS, measured_on
 from benchmarks.shoes_in_box import (
-    PRESETS,
     TRAINING_SEED,
     VALIDATION_SEED,
-    discriminate,
-    kept_demonstrations,
+    demonstrations,
+    discriminate_cuts,
     trained,
     true_progress,
-    whole_episodes,
 )
 from benchmarks.tuning import LEARNED
-from graphrl_jax import pipeline
-from graphrl_jax.compilation import configure
-from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.reward import demonstration_rewards
-from graphrl_jax.runs import write_json
-from graphrl_jax.settings import ABLATIONS, Ablation, Settings
-from graphrl_jax.task import make_task
-from tasks.shoes_in_box.env import ShoesInBox
+from graphrl_jax.experiment.methods import ABLATIONS
+from graphrl_jax.experiment.settings import Settings, compose
+from graphrl_jax.registry import make_task
+from graphrl_jax.reward.model import demonstration_rewards
+from graphrl_jax.runtime import configure
+from graphrl_jax.storage import write_json
+from tasks.shoes_in_box.task import ShoesInBox
 
-RESULTS = Path("benchmarks/results")
-ABLATED: dict[str, Ablation] = {f"graph_no_{ablation}": ablation for ablation in ABLATIONS}
-METHODS = (*LEARNED, *ABLATED)
+ABLATED = {f"graph_no_{ablation}": ablation for ablation in ABLATIONS}
+REWARDS: dict[str, tuple[str, tuple[str, ...]]] = {
+    **{name: (name, ()) for name in LEARNED},
+    **{name: ("graph", (ablation,)) for name, ablation in ABLATED.items()},
+}
+"""Methods, and what is left out of them."""
 
 
 @dataclass(frozen=True)
@@ -53,30 +54,18 @@ class Options:
     """
 
     preset: Literal["smoke", "default"] = "default"
-    methods: tuple[str, ...] = METHODS
+    methods: tuple[str, ...] = tuple(REWARDS)
     seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
     out: Path | None = None
 
     def __post_init__(self) -> None:
-        for method in self.methods:
-            if method not in METHODS:
-                raise ValueError(f"--methods {method!r}; allowed: {', '.join(METHODS)}")
+        refuse_unknown("--methods", self.methods, REWARDS)
 
 
-def demonstrations(task: ShoesInBox, out: Path, preset: str, size: int | None) -> tuple[Demonstrations, Demonstrations]:
-    """What rewards learn from and what they are judged on, with pictures of `size` if wanted."""
-    sizes, end = PRESETS[preset], "" if size is None else f"_{size}"
-    return (
-        kept_demonstrations(task, out / f"demonstrations{end}.npz", TRAINING_SEED, sizes.demonstrations, 0, size),
-        kept_demonstrations(task, out / f"validation{end}.npz", VALIDATION_SEED, sizes.successes, sizes.failures, size),
-    )
-
-
-def settings_of(method: str, preset: str) -> Settings:
-    """The settings that a method's encoder is trained with."""
-    ablations = (ABLATED[method],) if method in ABLATED else ()
-    reward = "graph" if ablations else method
-    return Settings(reward=reward, preset="smoke" if preset == "smoke" else "cpu", ablations=ablations)  # type: ignore[arg-type]
+def settings_of(task: ShoesInBox, name: str, preset: str) -> Settings:
+    """The settings that the encoder of one of `REWARDS` is trained with."""
+    method, ablations = REWARDS[name]
+    return compose(task, method, "smoke" if preset == "smoke" else "cpu", ablations=ablations)
 
 
 def main() -> None:
@@ -89,25 +78,18 @@ def main() -> None:
     assert isinstance(task, ShoesInBox)
     rows = []
     for name in options.methods:
-        settings = settings_of(name, options.preset)
-        config = settings.pretraining
-        hyper = pipeline.pretrain_hyper(task, task.pretraining.alpha, settings.reward, settings.ablations)
-        fitted, unseen = demonstrations(task, out, options.preset, config.encoder.picture_size)
+        settings = settings_of(task, name, options.preset)
+        fitted, unseen = demonstrations(task, out, options.preset, settings.image_size)
         for seed in options.seeds:
-            model = trained(task, fitted, name, seed, config, hyper, out)
-            row = {"reward": name, "seed": seed}
-            for cut, demos in (("demonstrations", unseen), ("whole_episodes", whole_episodes(unseen))):
-                row[cut] = discriminate(np.asarray(demonstration_rewards(model, demos)), demos)
-            rows.append(row)
-            print(name, seed, {cut: row[cut]["rho"] for cut in ("demonstrations", "whole_episodes")}, flush=True)
-    _, unseen = demonstrations(task, out, options.preset, None)
-    progress = true_progress(unseen)
+            model = trained(task, fitted, name, replace(settings, seed=seed), out)
+            found = discriminate_cuts(partial(demonstration_rewards, model), unseen)
+            rows.append({"reward": name, "seed": seed, **found})
+            shown = {cut: found[cut]["rho"] for cut in found}
+            print(name, seed, shown, flush=True)
+    _, unseen = demonstrations(task, out, options.preset)
     report = {
         "rewards": rows,
-        "true_progress": {
-            "demonstrations": discriminate(progress, unseen),
-            "whole_episodes": discriminate(progress, whole_episodes(unseen)),
-        },
+        "true_progress": discriminate_cuts(true_progress, unseen),
         "seeds": {"demonstrations": TRAINING_SEED, "validation": VALIDATION_SEED},
         **where,
     }

@@ -19,7 +19,6 @@ asks for. Compile times are those of a first run only if the compilation cache i
 
 import math
 import statistics
-import time
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -29,31 +28,29 @@ import jax
 import jax.numpy as jnp
 import tyro
 from brax.envs.base import Env, State
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from mujoco import mjx
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.context import measured_on
-from graphrl_jax import encoder, ppo
-from graphrl_jax.compilation import configure, jit_physics
+from benchmarks.checks import refuse_below
+from benchmarks.context import RESULTS, measured_on
+from benchmarks.figures import plain, save
+from benchmarks.tables.costs import LABELS
+from benchmarks.timing import compiled, in_turns, to_the_end
+from graphrl_jax.encoder import encoder
+from graphrl_jax.encoder.config import EncoderConfig
+from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.graph import build_graph
-from graphrl_jax.ppo_config import PPOConfig, PPOHyper
-from graphrl_jax.reward import RewardModel
-from graphrl_jax.runs import write_atomically, write_json
-from graphrl_jax.task import Task, make_task
-from graphrl_jax.wrappers import EnvironmentReward, GraphReward
+from graphrl_jax.registry import make_task
+from graphrl_jax.reward.model import RewardModel
+from graphrl_jax.rl import ppo
+from graphrl_jax.rl.config import PPOConfig, PPOHyper
+from graphrl_jax.rl.wrappers import EnvironmentReward, GraphReward
+from graphrl_jax.runtime import configure, jit_physics
+from graphrl_jax.storage import write_json
+from graphrl_jax.task import Task
 
-LABELS = {
-    "physics": "bare `mjx.step`, same scene and sub-steps",
-    "environment": "environment step",
-    "graph": "and the graph",
-    "reward": "and the learned reward",
-    "policy": "and resets, policy, bookkeeping (PPO's unroll)",
-    "ppo_env": "PPO, environmental reward",
-    "ppo_graph": "PPO, learned reward",
-}
 _TAU = 0.01  # activity threshold; any value takes the same time
 
 
@@ -76,14 +73,12 @@ class Options:
     out: Path | None = None
 
     def __post_init__(self) -> None:
-        for name, values in (("num_envs", self.num_envs), ("steps", [self.steps]), ("repeats", [self.repeats])):
-            if not values or min(values) < 1:
-                raise ValueError(f"{name} is {getattr(self, name)}; allowed: 1 or more")
+        refuse_below(self, num_envs=1, steps=1, repeats=1)
 
 
 def physics_program(task: Task, num_envs: int, steps: int, key: jax.Array) -> tuple[Any, tuple]:
     """Bare physics: as in the task, only positions, rates and the solver's start are carried."""
-    model, template = task._model, task._template  # type: ignore[attr-defined]
+    model, template = task._model, task._template
     reset_key, control_key = jax.random.split(key)
     controls = jax.random.uniform(control_key, (num_envs, model.nu), minval=-0.5, maxval=0.5)
 
@@ -96,7 +91,7 @@ def physics_program(task: Task, num_envs: int, steps: int, key: jax.Array) -> tu
         def body(states: Any, _: None) -> tuple[Any, None]:
             return jax.vmap(substep)(states, controls), None
 
-        return jax.lax.scan(body, states, length=steps * task.physics.substeps)[0]  # type: ignore[attr-defined]
+        return jax.lax.scan(body, states, length=steps * task.physics.substeps)[0]
 
     return run, (_reset(task, num_envs, reset_key).pipeline_state,)
 
@@ -126,10 +121,11 @@ def environment_program(env: Env, num_envs: int, steps: int, key: jax.Array, gra
 
 def random_reward(task: Task, key: jax.Array) -> RewardModel:
     """A reward from an untrained encoder of the default size."""
-    config = encoder.EncoderConfig()
-    params = encoder.init(key, config, task.objects.num_classes)
-    scalars = (jnp.float32(value) for value in (1.0, 0.8, 5.0, 1.0, _TAU, 1.0))
-    return RewardModel(params, jnp.zeros(config.embedding), *scalars)
+    config = EncoderConfig()
+    params = encoder.init(key, config, task.objects)
+    pooling = PoolingParams(alpha=5.0, suppress_robot=1.0, robot_messages=1.0, tau=_TAU)
+    floats = jax.tree.map(jnp.float32, (1.0, 0.8, pooling))
+    return RewardModel(params, jnp.zeros(config.embedding), *floats)
 
 
 def build_programs(options: Options, num_envs: int, key: jax.Array) -> dict[str, tuple[Any, tuple]]:
@@ -164,20 +160,13 @@ def build_programs(options: Options, num_envs: int, key: jax.Array) -> dict[str,
 
 def measure(programs: dict[str, tuple[Any, tuple]], work: int, repeats: int) -> dict[str, Any]:
     """Rates (environment steps per second), compile times and memory of programs that make `work` steps a call."""
-    compiled, compile_s, memory = {}, {}, {}
+    calls, compile_s, memory = {}, {}, {}
     for name, (function, arguments) in programs.items():
-        started = time.perf_counter()
-        compiled[name] = jit_physics(function).lower(*arguments).compile()
-        compile_s[name] = time.perf_counter() - started
-        need = compiled[name].memory_analysis()
+        program, compile_s[name] = compiled(jit_physics(function), arguments)
+        calls[name] = to_the_end(program, arguments)
+        need = program.memory_analysis()
         memory[name] = (need.temp_size_in_bytes + need.argument_size_in_bytes + need.output_size_in_bytes) / 2**20
-    seconds: dict[str, list[float]] = {name: [] for name in programs}
-    for repeat in range(repeats + 1):
-        for name, (_, arguments) in programs.items():
-            started = time.perf_counter()
-            jax.block_until_ready(compiled[name](*arguments))
-            if repeat:  # the first call of each warms up
-                seconds[name].append(time.perf_counter() - started)
+    seconds = in_turns(calls, repeats)
     medians = {name: statistics.median(found) for name, found in seconds.items()}
     return {
         "steps_per_second": {name: work / median for name, median in medians.items()},
@@ -190,15 +179,15 @@ def measure(programs: dict[str, tuple[Any, tuple]], work: int, repeats: int) -> 
 
 def figure(batches: list[dict[str, Any]], path: Path) -> None:
     """Steps per second of every program against the batch."""
-    picture = Figure(figsize=(6, 4), dpi=120, layout="constrained")
-    axes = picture.subplots()
+    drawn = Figure(figsize=(6, 4), dpi=120, layout="constrained")
+    axes = drawn.subplots()
     for name, label in LABELS.items():
         rates = [batch["steps_per_second"][name] for batch in batches]
         axes.plot([batch["num_envs"] for batch in batches], rates, marker="o", label=label.replace("`", ""))
     axes.set(xscale="log", yscale="log", xlabel="environments", ylabel="environment steps per second")
-    axes.spines[["top", "right"]].set_visible(False)
+    plain(axes)
     axes.legend(frameon=False, fontsize=8)
-    write_atomically(path, FigureCanvasAgg(picture).print_png)
+    save(drawn, path)
 
 
 def main() -> None:
@@ -207,7 +196,7 @@ def main() -> None:
     compile_log = configure()
     where = measured_on("throughput")  # before anything else loads the machine
     end = "" if options.task == "match_regions" else f"_{options.task}"
-    out = options.out or Path(f"benchmarks/results/throughput{end}.json")
+    out = options.out or RESULTS / f"throughput{end}.json"
     batches: list[dict[str, Any]] = []
     for num_envs in options.num_envs:
         programs = build_programs(options, num_envs, jax.random.key(0))
@@ -229,8 +218,8 @@ def _print(batch: dict[str, Any], context: dict[str, Any]) -> None:
     for column in ("program", "steps/s (median)", "of physics", "compile (s)", "memory (MiB)"):
         table.add_column(column, justify="left" if column == "program" else "right")
     for name, rate in batch["steps_per_second"].items():
-        numbers = (batch["of_physics"][name], batch["compile_s"][name], batch["memory_mib"][name])
-        table.add_row(name, f"{rate:,.0f}", f"{numbers[0]:.2f}", f"{numbers[1]:.1f}", f"{numbers[2]:,.0f}")
+        shown = (batch["of_physics"][name], batch["compile_s"][name], batch["memory_mib"][name])
+        table.add_row(name, f"{rate:,.0f}", f"{shown[0]:.2f}", f"{shown[1]:.1f}", f"{shown[2]:,.0f}")
     Console().print(table)
 
 

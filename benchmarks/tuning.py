@@ -1,7 +1,7 @@
 """What every learned reward was tuned on: the same six settings each, by the audit of an encoder of a seed of its own.
 
     for reward in graph graph_with_robot graphirl graphirl_with_robot xirl; do
-      python -m graphrl_jax sweep --reward $reward --encoders-only --first-seed 100 --out runs/tuning/$reward \\
+      graphrl sweep --reward $reward --encoders-only --first-seed 100 --out runs/tuning/$reward \\
         --sweep pretrain.learning_rate=1e-3,3e-3 pretrain.temperature=0.01,0.1,1
     done
     python -m benchmarks.tuning runs/tuning
@@ -18,12 +18,13 @@ from typing import Any
 import tyro
 
 from benchmarks.context import measured_on
-from graphrl_jax.runs import read_json, write_json
+from graphrl_jax.experiment.methods import METHODS
+from graphrl_jax.storage import read_json, write_json
 
 RESULT = Path(__file__).parent / "results" / "tuning.json"
-LEARNED = ("graph", "graph_with_robot", "graphirl", "graphirl_with_robot", "xirl")
-METHODS = ("graph", "env", "graphirl", "graph_with_robot", "graphirl_with_robot", "xirl")
-"""Of Table I, in the order in which they are trained."""
+LEARNED = tuple(name for name, method in METHODS.items() if method.encoder)
+TUNED = ("learning_rate", "temperature")
+"""Fields of `PretrainHyper` that are tuned."""
 MEASURE = "pair_accuracy"
 
 
@@ -55,12 +56,12 @@ def tuned(sweep: Path) -> dict[str, Any]:
         for member in read_json(sweep / "sweep.json")["members"]
     ]
     best = max(tried, key=lambda one: one[MEASURE])
-    config = read_json(sweep / "config.json")
+    request = read_json(sweep / "config.json")["request"]
     return {
-        "chosen": {name: best[name] for name in ("learning_rate", "temperature")},
+        "chosen": {name: best[name] for name in TUNED},
         "tried": tried,
-        "seed": config["first_seed"],
-        "encoder_steps": config.get("encoder_steps"),
+        "seed": request["first_seed"],
+        "encoder_steps": request.get("pretrain", {}).get("steps"),
     }
 
 

@@ -3,10 +3,10 @@
     python -m benchmarks.variants runs/layout_env_0 runs/layout_graph_0
 
 The runs' task has to be one of `match_regions_<variant>`: these share one environment, so that all variants are
-evaluated by one compiled program. Writes benchmarks/results/match_regions_variants.json and a picture of each variant.
+evaluated by one compiled program. Writes benchmarks/results/match_regions_variants.json and an image of each variant.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,18 +16,17 @@ import jax.numpy as jnp
 import numpy as np
 import tyro
 
-from benchmarks.context import measured_on
-from graphrl_jax import pipeline
-from graphrl_jax.cli import load_run
-from graphrl_jax.compilation import configure
-from graphrl_jax.evaluation import evaluate
-from graphrl_jax.runs import Run, read_json, write_atomically, write_json
-from graphrl_jax.wrappers import EnvironmentReward
+from benchmarks.context import RESULTS, measured_on
+from graphrl_jax.experiment.checkpoints import load_run
+from graphrl_jax.rl.rollout import evaluate
+from graphrl_jax.rl.wrappers import WRAPPERS, EnvironmentReward
+from graphrl_jax.runtime import configure
+from graphrl_jax.storage import read_json, write_atomically, write_json
 from tasks.match_regions import variants
-from tasks.match_regions.layouts import Scene
+from tasks.match_regions.layouts import World
 from tasks.match_regions.render import draw_scene
+from tasks.match_regions.task import MatchRegions
 
-RESULTS = Path("benchmarks/results")
 EPISODES, SEED = 256, 7
 _SHOWN = 5
 
@@ -43,13 +42,13 @@ class Options:
     runs: tyro.conf.Positional[tuple[Path, ...]]
 
 
-def on_every_variant(path: Path, task: variants.MatchRegions) -> dict[str, Any]:
+def on_every_variant(path: Path, task: MatchRegions) -> dict[str, Any]:
     """Success and mean score of a run's policy on each variant, over the same unseen episodes as every other's."""
-    trained_on, settings, reward, policy = load_run(Run(path))
+    trained_on, settings, reward, policy = load_run(path)
     if trained_on.objects != task.objects:
         raise ValueError(f"{path} is of task {trained_on.name}; allowed: match_regions_<variant>")
-    config, _ = pipeline.ppo_settings(trained_on, settings)
-    wrapper = pipeline.wrapper_of(settings.reward)
+    config = replace(settings.ppo_config, episode_length=task.episode_length)
+    wrapper = WRAPPERS[settings.method.needs]
 
     def make_env(params: tuple[variants.Variant, Any]) -> EnvironmentReward:
         variant, reward = params
@@ -73,13 +72,13 @@ def on_every_variant(path: Path, task: variants.MatchRegions) -> dict[str, Any]:
     }
 
 
-def picture(size: int = 200) -> np.ndarray:
+def starts_image(size: int = 200) -> np.ndarray:
     """A few starts of every variant, one row each: (rows * size, columns * size, 3) uint8."""
     rows = []
     for variant in variants.VARIANTS.values():
         starts = jax.vmap(variant.sample)(jax.random.split(jax.random.key(SEED), _SHOWN))
-        qpos, scenes = jax.tree.map(np.asarray, (starts.qpos, starts.scene))
-        shown = [draw_scene(qpos[i], Scene(*(leaf[i] for leaf in scenes)), size) for i in range(_SHOWN)]
+        qpos, worlds = jax.tree.map(np.asarray, (starts.qpos, starts.world))
+        shown = [draw_scene(qpos[i], World(*(leaf[i] for leaf in worlds)), size) for i in range(_SHOWN)]
         rows.append(np.concatenate(shown, axis=1))
     return np.concatenate(rows)
 
@@ -94,7 +93,7 @@ def main() -> None:
     write_json(
         RESULTS / "match_regions_variants.json", {"policies": members, "episodes": EPISODES, "seed": SEED, **where}
     )
-    shown = picture()
+    shown = starts_image()
     write_atomically(RESULTS / "match_regions_variants.png", lambda temporary: imageio.imwrite(temporary, shown))
     for member in members:
         print(member["run"], {name: round(rate, 3) for name, rate in member["success"].items()})

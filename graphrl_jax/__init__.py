@@ -1,53 +1,26 @@
 """Dense rewards from action-free demonstrations through graphs of objects, and policies trained on them, in JAX.
 
-The names below are the way through: demonstrations -> encoder -> reward -> environment -> policy. Everything else is
-found in the module that its idea is named after.
+The public names follow the pipeline: demonstrations -> encoder -> reward -> environment -> policy. All other code is in
+the folder named after its topic. A name is imported on first use, so that `import graphrl_jax` costs nothing.
 """
 
-from graphrl_jax import _quiet as _quiet
-from graphrl_jax.demonstrations import DemonstrationError, Demonstrations, load
-from graphrl_jax.detection import ColourDetector, Detection, Detector, Look, ModelDetector
-from graphrl_jax.encoder import EncoderConfig, encode
-from graphrl_jax.evaluation import evaluate
-from graphrl_jax.graph import Graph, ObjectTable, build_graph
-from graphrl_jax.landscape import Landscape, audit, trajectory_scores
-from graphrl_jax.ppo_config import PPOConfig, PPOHyper
-from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
-from graphrl_jax.reward import RewardModel, fit_reward
-from graphrl_jax.settings import Settings
-from graphrl_jax.task import Task, make_task, task_names
-from graphrl_jax.tracking import track
-from graphrl_jax.wrappers import EnvironmentReward, GraphReward
+import ctypes
+import os
 
-__all__ = [
-    "ColourDetector",
-    "DemonstrationError",
-    "Demonstrations",
-    "Detection",
-    "Detector",
-    "EncoderConfig",
-    "EnvironmentReward",
-    "Graph",
-    "GraphReward",
-    "Landscape",
-    "Look",
-    "ModelDetector",
-    "ObjectTable",
-    "PPOConfig",
-    "PPOHyper",
-    "PretrainConfig",
-    "PretrainHyper",
-    "RewardModel",
-    "Settings",
-    "Task",
-    "audit",
-    "build_graph",
-    "encode",
-    "evaluate",
-    "fit_reward",
-    "load",
-    "make_task",
-    "task_names",
-    "track",
-    "trajectory_scores",
-]
+import lazy_loader
+
+# The public names and their types are in __init__.pyi.
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+
+def _render_without_display() -> None:
+    """Selects EGL for MuJoCo, if it is installed; MuJoCo chooses its renderer on import."""
+    try:
+        ctypes.CDLL("libEGL.so.1")
+    except OSError:
+        return
+    os.environ.setdefault("MUJOCO_GL", "egl")
+
+
+if not os.environ.get("DISPLAY"):
+    _render_without_display()

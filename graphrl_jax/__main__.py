@@ -1,4 +1,4 @@
-"""`python -m graphrl_jax`: see `cli.py`."""
+"""`python -m graphrl_jax`, the same as `graphrl`."""
 
 from graphrl_jax.cli import main
 

@@ -1,6 +1,5 @@
-"""Demonstrations: the one file format for everything that learns from them. Plain numpy, host only."""
+"""Demonstrations and their file format. Plain numpy, host only."""
 
-import os
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -11,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from graphrl_jax.graph import ObjectTable
+from graphrl_jax.storage import write_arrays
 
 VERSION = 1
 BOX_RANGE = (-0.5, 1.5)
@@ -22,7 +22,7 @@ _PER_DEMONSTRATION = ("boxes", "mask", "lengths", "success", "classes", "events"
 
 
 class DemonstrationError(ValueError):
-    """A demonstration file, or a set of demonstrations, that breaks the format. One sentence that names the field."""
+    """Demonstrations or a file of them break the format; the message is one sentence that names the field."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,19 +31,19 @@ class Demonstrations:
 
     | field       | shape           | dtype   | meaning                                                          |
     |-------------|-----------------|---------|------------------------------------------------------------------|
-    | boxes       | (B, T, N, 4)    | float32 | cx, cy, w, h in [0, 1], origin top left; may overhang a little   |
-    | mask        | (B, T, N)       | bool    | the object is there; any finite box may stand in a masked slot   |
-    | lengths     | (B,)            | int32   | real frames, 1 to T; what lies behind is padding                 |
+    | boxes       | (B, T, N, 4)    | float32 | cx, cy, w, h in [0, 1], origin top left; -0.5 to 1.5 is accepted |
+    | mask        | (B, T, N)       | bool    | the object is present; a masked slot may hold any finite box     |
+    | lengths     | (B,)            | int32   | number of real frames, 1 to T; later frames are padding          |
     | success     | (B,)            | bool    | the demonstration solves the task                                |
-    | objects     |                 |         | `ObjectTable`: what sits in which of the N slots                 |
+    | objects     |                 |         | `ObjectTable`: the object in each of the N slots                 |
     | frame_rate  |                 | float   | frames per second                                                |
-    | source      |                 | str     | where they come from                                             |
+    | source      |                 | str     | origin of the demonstrations                                     |
     | task        |                 | str     | the task's registered name                                       |
-    | classes     | (B, N) or None  | int32   | class of what sits in each slot, where demonstrations differ in it |
-    | events      | (B, E) or None  | int32   | frame of each true stage event, -1: never                        |
-    | event_names | (E,)            | str     | their names; empty without events                                |
-    | kinds       | (B,) or None    | str     | what each one is, e.g. "success" or "one_target"                 |
-    | frames      | (B, T, H, W, 3) or None | uint8 | the pictures                                                 |
+    | classes     | (B, N) or None  | int32   | class of the object in each slot, if demonstrations differ in it |
+    | events      | (B, E) or None  | int32   | frame of each true event, -1 for never                           |
+    | event_names | (E,)            | str     | names of the events; empty without events                        |
+    | kinds       | (B,) or None    | str     | kind of each demonstration, e.g. "success" or "one_target"       |
+    | frames      | (B, T, H, W, 3) or None | uint8 | the images                                                   |
 
     Raises:
       DemonstrationError: a field has the wrong shape, dtype or value; the message names it.
@@ -78,22 +78,22 @@ class Demonstrations:
         return self.boxes.shape[1]
 
     def class_ids(self) -> np.ndarray:
-        """Class of what sits in each slot of each demonstration: (B, N) int32."""
+        """Class of the object in each slot of each demonstration: (B, N) int32."""
         if self.classes is not None:
             return self.classes
         return np.tile(np.array(self.objects.class_ids, np.int32), (len(self), 1))
 
-    def pictures(self, size: int) -> np.ndarray:
-        """The pictures, (B, T, size, size, 3) uint8.
+    def images(self, size: int) -> np.ndarray:
+        """The images: (B, T, size, size, 3) uint8.
 
         Raises:
-          DemonstrationError: there are none, or they are of another size.
+          DemonstrationError: there are no images, or they have another size.
         """
         if self.frames is None or self.frames.shape[2:4] != (size, size):
             found = (
                 "none" if self.frames is None else f"those of {self.frames.shape[2]} x {self.frames.shape[3]} pixels"
             )
-            raise DemonstrationError(f"frames must be pictures of {size} x {size} pixels, got {found}")
+            raise DemonstrationError(f"frames must be images of {size} x {size} pixels, got {found}")
         return self.frames
 
     def select(self, indices: Sequence[int] | np.ndarray) -> "Demonstrations":
@@ -105,11 +105,11 @@ class Demonstrations:
         return replace(self, **{name: None if value is None else value[indices] for name, value in chosen.items()})
 
     def successes(self) -> "Demonstrations":
-        """Those that solve the task."""
+        """The demonstrations that solve the task."""
         return self.select(self.success)
 
     def split(self, fraction: float, seed: int) -> tuple["Demonstrations", "Demonstrations"]:
-        """A random split into a share of `fraction` (at least one) and the rest (at least one).
+        """A random split into the share `fraction` of the demonstrations and the rest, at least one each.
 
         Raises:
           DemonstrationError: `fraction` is not inside (0, 1) or there are fewer than two demonstrations.
@@ -123,7 +123,7 @@ class Demonstrations:
         return self.select(np.sort(order[:count])), self.select(np.sort(order[count:]))
 
     def save(self, path: str | Path) -> None:
-        """Writes one .npz file at exactly `path`, whole or not at all. Missing folders are made."""
+        """Writes one .npz file at exactly `path`, atomically. Missing folders are created."""
         entries: dict[str, Any] = {"version": np.int32(VERSION)}
         for field in fields(self):
             value = getattr(self, field.name)
@@ -136,23 +136,14 @@ class Demonstrations:
         entries["is_robot"] = np.array(self.objects.is_robot, bool)
         entries["is_fixture"] = np.array(self.objects.is_fixture, bool)
 
-        path = Path(path)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = path.with_name(f"{path.name}.{os.getpid()}.tmp")
-        try:
-            # An open file, not a name: numpy would append .npz to the name.
-            with temporary.open("wb") as file:
-                np.savez_compressed(file, **entries)
-            os.replace(temporary, path)
-        finally:
-            temporary.unlink(missing_ok=True)
+        write_arrays(Path(path), entries)
 
 
 def load(path: str | Path) -> Demonstrations:
-    """Reads what `Demonstrations.save` wrote.
+    """Reads a file written by `Demonstrations.save`.
 
     Raises:
-      DemonstrationError: the file is missing, is no demonstration file, or breaks the format; the message is one
+      DemonstrationError: the file is missing, is not a demonstration file, or breaks the format; the message is one
         sentence that starts with the path and names the field.
     """
     path = Path(path)
@@ -162,46 +153,8 @@ def load(path: str | Path) -> Demonstrations:
         raise DemonstrationError(f"{path}: {error}") from error
 
 
-def concatenate(parts: Sequence[Demonstrations]) -> Demonstrations:
-    """All demonstrations of all parts in one set, padded to the longest; the sources are listed.
-
-    Raises:
-      DemonstrationError: the parts disagree in their task, objects, frame rate, event names or optional fields.
-    """
-    if not parts:
-        raise DemonstrationError("concatenate needs at least one set of demonstrations, got none")
-    first = parts[0]
-    for part in parts[1:]:
-        for name in ("task", "objects", "frame_rate", "event_names"):
-            if getattr(part, name) != getattr(first, name):
-                raise DemonstrationError(
-                    f"{name} must be the same in all parts, got {getattr(first, name)!r} and {getattr(part, name)!r}"
-                )
-        for name in ("classes", "events", "kinds", "frames"):
-            if (getattr(part, name) is None) != (getattr(first, name) is None):
-                raise DemonstrationError(f"{name} must be present in all parts or in none")
-        if first.frames is not None and part.frames is not None and part.frames.shape[2:] != first.frames.shape[2:]:
-            raise DemonstrationError(
-                f"frames must be of one size, got {first.frames.shape[2:]} and {part.frames.shape[2:]}"
-            )
-    longest = max(part.num_frames for part in parts)
-    joined: dict[str, Any] = {}
-    for name in _PER_DEMONSTRATION:
-        values = [getattr(part, name) for part in parts]
-        if values[0] is not None:
-            in_time = name in ("boxes", "mask", "frames")
-            joined[name] = np.concatenate([_pad_time(value, longest) if in_time else value for value in values])
-    sources = dict.fromkeys(part.source for part in parts)
-    return replace(first, source="; ".join(sources), **joined)
-
-
-def _pad_time(values: np.ndarray, num_frames: int) -> np.ndarray:
-    """(B, T, ...) padded with zeros to (B, num_frames, ...)."""
-    return np.pad(values, [(0, 0), (0, num_frames - values.shape[1])] + [(0, 0)] * (values.ndim - 2))
-
-
 def _text_array(texts: Sequence[str]) -> np.ndarray:
-    """Strings as a unicode array; numpy would make an empty list an array of floats."""
+    """Strings as a unicode array; numpy would convert an empty list to floats."""
     return np.array(texts, dtype=np.str_) if len(texts) else np.empty((0,), dtype="<U1")
 
 
@@ -223,7 +176,7 @@ def _read_entries(path: Path) -> dict[str, np.ndarray]:
 
 
 def _from_entries(entries: dict[str, np.ndarray]) -> Demonstrations:
-    """Demonstrations from the arrays of a file, once version and names of the fields are right."""
+    """Demonstrations from the arrays of a file, after a check of the version and the field names."""
     version = entries.pop("version", None)
     if version is None:
         raise DemonstrationError("field 'version' is missing")
@@ -255,7 +208,7 @@ def _from_entries(entries: dict[str, np.ndarray]) -> Demonstrations:
 
 
 def _check_arrays(demos: Demonstrations) -> None:
-    """Every array is there with the right dtype and shape."""
+    """Checks that every array is present and has the right dtype and shape."""
     if not isinstance(demos.boxes, np.ndarray) or demos.boxes.ndim != 4:
         raise DemonstrationError(f"boxes must be an array of shape (B, T, N, 4), got shape {np.shape(demos.boxes)}")
     batch, time = demos.boxes.shape[:2]
@@ -285,7 +238,7 @@ def _check_arrays(demos: Demonstrations) -> None:
 
 
 def _check_values(demos: Demonstrations) -> None:
-    """Boxes, lengths and events lie in their ranges."""
+    """Checks that boxes, lengths, classes and events are in their ranges."""
     time = demos.num_frames
     for index, length in enumerate(demos.lengths):
         if not 1 <= length <= time:
@@ -316,14 +269,14 @@ def _check_values(demos: Demonstrations) -> None:
 
 
 def _reject(wrong: np.ndarray, boxes: np.ndarray, allowed: str) -> None:
-    """Raises for the first wrong entry of boxes, if there is one."""
+    """Raises for the first wrong entry of `boxes`, if there is one."""
     if wrong.any():
         where = tuple(int(index) for index in np.argwhere(wrong)[0])
         raise DemonstrationError(f"boxes[{', '.join(map(str, where))}] is {boxes[where]:.6g}; {allowed}")
 
 
 def _check_scalars(demos: Demonstrations) -> None:
-    """Texts are texts, and the frame rate is a positive number."""
+    """Checks the texts, the frame rate and the event names."""
     for name in ("source", "task"):
         if not isinstance(getattr(demos, name), str):
             raise DemonstrationError(f"{name} must be a text, got {getattr(demos, name)!r}")

@@ -1,4 +1,4 @@
-"""The graph of one frame: objects as nodes, their image-plane boxes as features, and who has moved so far.
+"""The graph of one frame: objects as nodes, their image-plane boxes as features, and flags of objects that have moved.
 
 Symbols used in every docstring of this package:
 
@@ -18,20 +18,23 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-BOX_FEATURES = 4
+BOX_FEATURES, EDGE_FEATURES = 4, 3
+INPUT_SCALE = 5.0
+"""Factor on boxes and offsets at the input of a network. Positions and offsets vary by about a fifth of the image;
+without the factor a network learns a step at the edge of a region instead of a basin around it."""
 
 
 @dataclass(frozen=True)
 class ObjectTable:
-    """Which object sits in which node slot. Hashable, so it can be a static argument of a jitted function.
+    """The object in each node slot. Hashable, so it can be a static argument of a jitted function.
 
     | field       | shape | type  | meaning                                     |
     |-------------|-------|-------|---------------------------------------------|
     | names       | (N,)  | str   | one unique name per slot                    |
     | class_ids   | (N,)  | int   | index into class_names                      |
-    | is_robot    | (N,)  | bool  | the slot is the robot, or a part of it      |
+    | is_robot    | (N,)  | bool  | the slot is the robot or a part of it       |
     | class_names | (C,)  | str   | unique; a class may have no object          |
-    | is_fixture  | (N,)  | bool  | the slot belongs to the scenery, such as a goal region; none if left out |
+    | is_fixture  | (N,)  | bool  | the slot is a fixture, such as a goal region; default: no fixtures |
 
     Raises:
       ValueError: a field has the wrong length, a wrong type or a value out of range; the message names it.
@@ -44,7 +47,7 @@ class ObjectTable:
     is_fixture: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
-        # Lists and numpy scalars are welcome; tuples of plain values keep the table hashable.
+        # Lists and numpy scalars are accepted; tuples of plain values keep the table hashable.
         object.__setattr__(self, "names", _plain("names", self.names, str))
         object.__setattr__(self, "class_ids", _plain("class_ids", self.class_ids, int))
         object.__setattr__(self, "is_robot", _plain("is_robot", self.is_robot, bool))
@@ -76,7 +79,7 @@ class ObjectTable:
         return len(self.class_names)
 
     def class_one_hot(self) -> jax.Array:
-        """Class of each slot, one-hot: (N, C) float32."""
+        """One-hot class of each slot: (N, C) float32."""
         return jnp.asarray(np.eye(self.num_classes, dtype=np.float32)[list(self.class_ids)])
 
     def robot_flags(self) -> jax.Array:
@@ -84,12 +87,12 @@ class ObjectTable:
         return jnp.asarray(self.is_robot, dtype=bool)
 
     def fixture_flags(self) -> jax.Array:
-        """Whether each slot belongs to the scenery: (N,) bool."""
+        """Whether each slot is a fixture: (N,) bool."""
         return jnp.asarray(self.is_fixture, dtype=bool)
 
 
 def _plain(field: str, values: Sequence, kind: type) -> tuple:
-    """The values as a tuple of plain `kind`s; numpy scalars are unwrapped."""
+    """The values as a tuple of plain `kind` objects; numpy scalars are unwrapped."""
     if isinstance(values, str):
         raise ValueError(f"ObjectTable.{field} must be a sequence of {kind.__name__}, got the string {values!r}")
     plain = tuple(value.item() if isinstance(value, np.generic) else value for value in values)
@@ -104,13 +107,13 @@ def _plain(field: str, values: Sequence, kind: type) -> tuple:
 class Graph:
     """The objects of one frame. Fully connected, without self-loops; edge features follow from the boxes.
 
-    | field   | shape  | dtype   | meaning                                                        |
-    |---------|--------|---------|----------------------------------------------------------------|
-    | boxes   | (N, 4) | float32 | cx, cy, w, h in [0, 1], origin top left                        |
-    | mask    | (N,)   | bool    | the object is there; a masked slot (False) takes part in nothing |
-    | classes | (N, C) | float32 | one-hot class                                                  |
-    | robot   | (N,)   | bool    | the node is the robot                                          |
-    | active  | (N,)   | bool    | the object has moved in this episode                           |
+    | field   | shape  | dtype   | meaning                                                         |
+    |---------|--------|---------|-----------------------------------------------------------------|
+    | boxes   | (N, 4) | float32 | cx, cy, w, h in [0, 1], origin top left                         |
+    | mask    | (N,)   | bool    | the object is present; a masked slot (False) affects no result  |
+    | classes | (N, C) | float32 | one-hot class                                                   |
+    | robot   | (N,)   | bool    | the node is the robot                                           |
+    | active  | (N,)   | bool    | the object has moved in this episode                            |
 
     A sequence or a batch of graphs has leading axes (T, ...) or (B, ...) on every field.
     """
@@ -132,11 +135,11 @@ def build_graph(
     """The graph of one frame.
 
     Args:
-      objects: which object sits in which slot.
+      objects: the object in each slot.
       boxes: (N, 4) float32; any value in a masked slot.
       mask: (N,) bool, False where the object is absent.
       active: (N,) bool, see `activity`.
-      class_ids: (N,) int32, for tasks whose objects change between episodes; the table's, if left out.
+      class_ids: (N,) int32, for tasks in which objects change between episodes; default: the table's.
     """
     slots = objects.num_slots
     if boxes.shape != (slots, 4) or mask.shape != (slots,) or active.shape != (slots,):
@@ -161,7 +164,7 @@ def clear_masked_slots(graph: Graph) -> Graph:
 
 
 def edge_features(boxes: jax.Array) -> jax.Array:
-    """Offset of the sender's centre from the receiver's, and their distance.
+    """Offset of the sender's centre from the receiver's centre, and their distance.
 
     Args:
       boxes: (N, 4) float32.
@@ -185,28 +188,28 @@ def update_activity(
 ) -> jax.Array:
     """Activity after one more frame: an object is active once its centre has moved by more than `tau` box diagonals.
 
-    active_i(t) = active_i(t-1) or ||c_i(t) - c_i(t-1)|| > tau * diagonal_i(t). An object that is absent now or was
-    absent one frame ago cannot switch on.
+    active_i(t) = active_i(t-1) or ||c_i(t) - c_i(t-1)|| > tau * diagonal_i(t). An object that is absent in this or
+    the previous frame cannot become active.
 
     Args:
-      active: (N,) bool, flags at t-1; all False at an episode's first frame.
+      active: (N,) bool, flags at t-1; all False in the first frame of an episode.
       previous_boxes, boxes: (N, 4) float32 at t-1 and t, at the full frame rate.
       previous_mask, mask: (N,) bool at t-1 and t.
       tau: threshold per frame, as a share of the box's diagonal.
-      persistent: static; without it an object is active in those frames alone in which it moves (an ablation).
+      persistent: static; if False, an object is active only in the frames in which it moves (an ablation).
 
     Returns:
       (N,) bool.
     """
     displacement = safe_norm(boxes[:, :2] - previous_boxes[:, :2])
-    # A product instead of a quotient: a box without extent is not a division by zero.
+    # A product instead of a quotient, because a box of zero size would be a division by zero.
     moved = displacement > tau * safe_norm(boxes[:, 2:])
     moved = moved & mask & previous_mask
     return active | moved if persistent else moved
 
 
 def activity(boxes: jax.Array, mask: jax.Array, tau: ArrayLike, persistent: bool = True) -> jax.Array:
-    """Activity flags of a whole sequence; the first frame's are all False.
+    """Activity flags of a sequence; all are False in the first frame.
 
     Args:
       boxes: (T, N, 4) float32 at the full frame rate.
@@ -235,10 +238,10 @@ def sequence_graphs(
     class_ids: jax.Array | None = None,
     persistent: bool = True,
 ) -> Graph:
-    """All graphs of one padded demonstration, activity included. Frames from `length` on are wholly masked.
+    """The graphs of one padded demonstration, with activity. Frames from `length` on are fully masked.
 
     Args:
-      objects: which object sits in which slot.
+      objects: the object in each slot.
       boxes: (T, N, 4) float32 at the full frame rate.
       mask: (T, N) bool.
       length: number of real frames, 1 to T.
@@ -254,30 +257,7 @@ def sequence_graphs(
     return frames(objects, boxes, mask, activity(boxes, mask, tau, persistent), class_ids)
 
 
-def pad_graph(graph: Graph, num_slots: int) -> Graph:
-    """The graph with masked slots appended, up to `num_slots`. Every output of the encoder stays the same.
-
-    Raises:
-      ValueError: the graph has more than `num_slots` slots.
-    """
-    missing = num_slots - graph.mask.shape[0]
-    if missing < 0:
-        raise ValueError(f"cannot pad a graph of {graph.mask.shape[0]} slots to {num_slots}")
-    return jax.tree.map(lambda field: jnp.pad(field, [(0, missing)] + [(0, 0)] * (field.ndim - 1)), graph)
-
-
-def unpad_graph(graph: Graph, num_slots: int) -> Graph:
-    """The first `num_slots` slots: the inverse of `pad_graph`.
-
-    Raises:
-      ValueError: the graph has fewer than `num_slots` slots.
-    """
-    if num_slots > graph.mask.shape[0]:
-        raise ValueError(f"cannot unpad a graph of {graph.mask.shape[0]} slots to {num_slots}")
-    return jax.tree.map(lambda field: field[:num_slots], graph)
-
-
 def safe_norm(vectors: jax.Array) -> jax.Array:
-    """Euclidean norm over the last axis whose gradient at zero is zero, not NaN."""
+    """Euclidean norm over the last axis; its gradient at zero is zero, not NaN."""
     square = jnp.sum(vectors**2, axis=-1)
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1.0)), 0.0)

@@ -1,7 +1,7 @@
 """Adam, global-norm clipping and learning-rate schedules as pure functions.
 
-Every hyperparameter may be a Python float or a traced scalar, so a sweep over them is a `vmap` and changing one
-compiles nothing. Parameters are any pytree of float32 arrays.
+Every hyperparameter may be a Python float or a traced scalar, so a sweep over them is a `vmap` and a new value needs no
+recompilation. Parameters are any pytree of float32 arrays.
 """
 
 from dataclasses import dataclass
@@ -70,12 +70,12 @@ def adam_update(
 
 
 def global_norm(tree: Params) -> jax.Array:
-    """Euclidean norm of all leaves taken as one vector, a float32 scalar."""
+    """Euclidean norm of all leaves as one vector, a float32 scalar."""
     return jnp.sqrt(sum(jnp.sum(leaf**2) for leaf in jax.tree.leaves(tree)))
 
 
 def clip_by_global_norm(grads: Params, max_norm: ArrayLike) -> tuple[Params, jax.Array]:
-    """Shrinks the gradient to norm `max_norm` if it is longer, else leaves it.
+    """Scales the gradient down to norm `max_norm` if its norm is larger.
 
     Returns:
       The clipped gradient and the norm before clipping.
@@ -90,24 +90,10 @@ def warmup_cosine(
 ) -> jax.Array:
     """Linear warm-up from 0 to `peak` over `warmup` steps, then half a cosine down to `final` at step `total`.
 
-    Before step 0 and after `total` the value stays at that end's. With `warmup` 0 the value at step 0 is `peak`.
+    Before step 0 and after step `total` the value is constant. With `warmup` 0 the value at step 0 is `peak`.
     """
-    rise, progress = _warmup_and_decay(step, total, warmup)
-    decayed = final + (peak - final) * 0.5 * (1 + jnp.cos(jnp.pi * progress))
-    return jnp.where(rise < 1, peak * rise, decayed)
-
-
-def warmup_linear(
-    step: ArrayLike, total: ArrayLike, peak: ArrayLike, warmup: ArrayLike = 0.0, final: ArrayLike = 0.0
-) -> jax.Array:
-    """Linear warm-up from 0 to `peak` over `warmup` steps, then a straight line down to `final` at step `total`."""
-    rise, progress = _warmup_and_decay(step, total, warmup)
-    return jnp.where(rise < 1, peak * rise, peak + (final - peak) * progress)
-
-
-def _warmup_and_decay(step: ArrayLike, total: ArrayLike, warmup: ArrayLike) -> tuple[jax.Array, jax.Array]:
-    """Shares of the warm-up and of the decay that are done, both clipped to [0, 1]."""
     step, total, warmup = (jnp.asarray(value, jnp.float32) for value in (step, total, warmup))
     rise = jnp.where(warmup > 0, jnp.clip(step / jnp.where(warmup > 0, warmup, 1.0), 0.0, 1.0), 1.0)
     progress = jnp.clip((step - warmup) / jnp.maximum(total - warmup, 1.0), 0.0, 1.0)
-    return rise, progress
+    decayed = final + (peak - final) * 0.5 * (1 + jnp.cos(jnp.pi * progress))
+    return jnp.where(rise < 1, peak * rise, decayed)

@@ -1,4 +1,4 @@
-"""Live progress in a terminal, through rich; plain lines where there is no terminal."""
+"""Progress bars in a terminal, by rich; plain lines without a terminal."""
 
 import sys
 import time
@@ -10,13 +10,13 @@ from rich.progress import Progress as RichProgress
 
 
 class Progress:
-    """A bar per stage with its latest numbers and the time left. A context manager."""
+    """Context manager with one bar per run stage, its latest metrics and the remaining time."""
 
     def __init__(self) -> None:
         self._console = Console(stderr=True)
         columns = (
             TextColumn("{task.description:<22}"), BarColumn(30), MofNCompleteColumn(), TimeRemainingColumn(),
-            TextColumn("{task.fields[numbers]}"),
+            TextColumn("{task.fields[metrics]}"),
         )  # fmt: skip
         self._rich = RichProgress(*columns, console=self._console, disable=not sys.stderr.isatty())
         self._task: TaskID | None = None
@@ -32,22 +32,22 @@ class Progress:
         self._rich.__exit__(kind, value, trace)
 
     def begin(self, stage: str, total: int, done: int = 0) -> None:
-        """Starts a stage of `total` steps, `done` of which were made earlier."""
+        """Starts a run stage of `total` steps, of which `done` were made earlier."""
         self._stage, self._started = stage, time.perf_counter()
-        self._task = self._rich.add_task(stage, total=total, completed=done, numbers="")
+        self._task = self._rich.add_task(stage, total=total, completed=done, metrics="")
         self.note(stage)
 
-    def advance(self, steps: int, **numbers: float) -> None:
-        """Moves the stage on and shows its latest numbers."""
+    def advance(self, steps: int, **metrics: float) -> None:
+        """Advances the run stage by `steps` and shows its latest metrics."""
         text = "  ".join(
-            f"{name} {value:,.3g}" if value < 1e4 else f"{name} {value:,.0f}" for name, value in numbers.items()
+            f"{name} {value:,.3g}" if value < 1e4 else f"{name} {value:,.0f}" for name, value in metrics.items()
         )
         if self._task is not None:
-            self._rich.update(self._task, advance=steps, numbers=text)
+            self._rich.update(self._task, advance=steps, metrics=text)
         if self._rich.disable:
             self.note(f"{self._stage}: {text}")
 
     def note(self, text: str) -> None:
-        """A line that stays."""
+        """Prints a permanent line with the seconds since the run stage began."""
         seconds = time.perf_counter() - self._started
         self._console.print(f"[{seconds:6.1f} s] {text}", highlight=False, markup=False)

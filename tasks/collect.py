@@ -1,4 +1,4 @@
-"""Collecting scripted episodes until every kind that was asked for has been seen."""
+"""Collection of scripted episodes until every requested kind is complete."""
 
 from collections.abc import Callable
 from typing import Any
@@ -7,21 +7,21 @@ import jax
 import numpy as np
 
 Rollouts = Callable[[jax.Array, np.ndarray], tuple[Any, np.ndarray]]
-"""Runs an episode of each kind in `kinds` (B,): what it hands over, leaves (B, ...), and which succeeded, (B,) bool."""
+"""Runs an episode of each kind in `kinds` (B,); returns leaves (B, ...) and which episodes succeeded, (B,) bool."""
 
 
 def collect(
     rollouts: Rollouts, key: jax.Array, successes: int, failures: int, failure_kinds: int, batch: int, max_batches: int
 ) -> tuple[Any, np.ndarray]:
-    """`successes` episodes that really succeed and `failures` that really fail, of every kind in turn.
+    """Collects `successes` episodes that really succeed and `failures` that really fail, of every kind in turn.
 
-    Episodes that end otherwise than planned are dropped.
+    Episodes that do not end as planned are dropped.
 
     Args:
       rollouts: runs a batch of `batch` episodes; kind 0 is a success, 1 to `failure_kinds` are failures.
 
     Returns:
-      What `rollouts` handed over, and the kinds (successes + failures,), sorted.
+      The leaves returned by `rollouts`, and the kinds (successes + failures,), sorted.
 
     Raises:
       ValueError: the expert fails so often that the wanted number is not reached in `max_batches` batches.
@@ -45,7 +45,7 @@ def collect(
 
 
 def _missing(wanted: np.ndarray, found: np.ndarray) -> np.ndarray:
-    """The kinds still missing from `found`, each as often as it is missing."""
+    """The kinds that are missing in `found`, each as often as it is missing."""
     number = 1 + max(wanted.max(initial=0), found.max(initial=0))
     counts = np.bincount(wanted, minlength=number) - np.bincount(found, minlength=number)
     return np.repeat(np.arange(number), np.maximum(counts, 0))

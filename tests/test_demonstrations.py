@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic import OBJECTS, demonstrations
 
-from graphrl_jax.demonstrations import DemonstrationError, Demonstrations, concatenate, load
+from graphrl_jax.demonstrations import DemonstrationError, Demonstrations, load, reached_for_good
+from tests.helpers.demonstrations import demonstrations
 
 PLAIN = demonstrations(num=4, num_frames=10)
 
@@ -222,34 +222,22 @@ def test_split_refuses_what_cannot_be_split():
     assert_refuses("a split needs at least 2 demonstrations, got 1", PLAIN.select([0]).split, 0.5, 0)
 
 
-def test_concatenate_pads_to_the_longest_and_lists_sources():
-    longer = replace(demonstrations(num=2, num_frames=13, seed=1), source="elsewhere")
-    joined = concatenate([PLAIN, longer, PLAIN])
-    assert joined.boxes.shape == (10, 13, 4, 4) and joined.source == "synthetic; elsewhere"
-    np.testing.assert_array_equal(joined.boxes[:4, :10], PLAIN.boxes)
-    np.testing.assert_array_equal(joined.boxes[4:6], longer.boxes)
-    assert not joined.mask[:4, 10:].any()
-    np.testing.assert_array_equal(joined.lengths, [*PLAIN.lengths, *longer.lengths, *PLAIN.lengths])
+def test_images_are_the_frames_and_of_one_size():
+    demos = replace(PLAIN, frames=np.zeros((4, 10, 6, 6, 3), np.uint8))
+    assert demos.images(6) is demos.frames
+    assert_refuses("frames must be images of 8 x 8 pixels, got those of 6 x 6 pixels", demos.images, 8)
+    assert_refuses("frames must be images of 8 x 8 pixels, got none", PLAIN.images, 8)
 
 
-def test_parts_that_split_made_concatenate_back():
-    demos = full()
-    assert_same(concatenate([demos.select([0, 1]), demos.select([2, 3])]), demos)
+def test_classes_are_the_tables_unless_demonstrations_have_their_own():
+    np.testing.assert_array_equal(PLAIN.class_ids(), [PLAIN.objects.class_ids] * 4)
+    own = np.array([[0, 1, 2, 1], [0, 2, 2, 1], [0, 1, 1, 1], [0, 1, 2, 0]], np.int32)
+    demos = replace(PLAIN, classes=own)
+    np.testing.assert_array_equal(demos.class_ids(), own)
+    np.testing.assert_array_equal(demos.select([2, 0]).class_ids(), own[[2, 0]])
+    assert_refuses("classes[0, 0] is 3; allowed are 0 to 2", replace, PLAIN, classes=own + 3)
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (dict(task="other"), "task must be the same in all parts, got 'carry' and 'other'"),
-        (dict(frame_rate=4.0), "frame_rate must be the same in all parts, got 8.0 and 4.0"),
-        (dict(objects=replace(OBJECTS, names=("a", "b", "c", "d"))), "objects must be the same in all parts"),
-        (dict(kinds=None), "kinds must be present in all parts or in none"),
-        (dict(frames=np.zeros((4, 10, 4, 4, 3), np.uint8)), "frames must be of one size, got (3, 5, 3) and (4, 4, 3)"),
-    ],
-)
-def test_concatenate_names_what_differs(change, says):
-    assert_refuses(says, concatenate, [full(), replace(full(), **change)])
-
-
-def test_concatenate_needs_a_part():
-    assert_refuses("at least one set", concatenate, [])
+def test_an_event_counts_from_the_frame_after_which_it_always_holds():
+    reached = np.array([[[0, 1, 1, 0], [1, 1, 0, 0], [0, 1, 1, 0], [1, 1, 1, 0]]], bool)
+    np.testing.assert_array_equal(reached_for_good(reached), [[3, 0, 2, -1]])

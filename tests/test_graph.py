@@ -1,25 +1,27 @@
-"""Object tables, edges, activity and padding."""
+"""Object tables, edges, activity and masks."""
+
+import subprocess
+import sys
 
 import jax
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from synthetic import OBJECTS, random_graph
 
 from graphrl_jax.graph import (
     ObjectTable,
     activity,
     build_graph,
+    clear_masked_slots,
     edge_features,
-    pad_graph,
     sequence_graphs,
-    unpad_graph,
     update_activity,
 )
+from tests.helpers.graphs import OBJECTS, overwrite_slot, random_graph
 
 TABLE = dict(names=("a", "b"), class_ids=(0, 1), is_robot=(True, False), class_names=("x", "y"))
-ACTIVITY = jax.jit(activity)
+ACTIVITY = jax.jit(activity, static_argnames="persistent")
 UPDATE_ACTIVITY = jax.jit(update_activity)
 
 
@@ -142,18 +144,26 @@ def test_sequence_graphs_mask_everything_behind_the_length():
     assert graphs.active[1].all() and graphs.classes.shape == (5, 4, 3)
 
 
-@pytest.mark.parametrize(("slots", "extra"), [(1, 0), (1, 3), (5, 2)])
-def test_unpadding_undoes_padding(slots, extra):
-    graph = random_graph(0, slots)
-    padded = jax.jit(pad_graph, static_argnums=1)(graph, slots + extra)
-    assert padded.boxes.shape == (slots + extra, 4)
-    assert not np.asarray(padded.mask)[slots:].any()
-    unpadded = jax.jit(unpad_graph, static_argnums=1)(padded, slots)
-    jax.tree.map(np.testing.assert_array_equal, unpadded, graph)
+def test_without_persistence_only_what_moves_is_active():
+    boxes = np.full((4, 2, 4), 0.1, np.float32)
+    boxes[:, 0, 0] = [0.2, 0.3, 0.3, 0.4]
+    mask = np.ones((4, 2), bool)
+    np.testing.assert_array_equal(ACTIVITY(boxes, mask, 0.1)[:, 0], [False, True, True, True])
+    moving = ACTIVITY(boxes, mask, 0.1, persistent=False)
+    np.testing.assert_array_equal(moving[:, 0], [False, True, False, True])
+    assert not np.any(moving[:, 1])
 
 
-def test_padding_and_unpadding_refuse_the_wrong_direction():
-    with pytest.raises(ValueError, match="cannot pad a graph of 5 slots to 4"):
-        pad_graph(random_graph(0), 4)
-    with pytest.raises(ValueError, match="cannot unpad a graph of 5 slots to 6"):
-        unpad_graph(random_graph(0), 6)
+@pytest.mark.parametrize("garbage", [1e30, np.nan])
+def test_cleared_slots_hold_zeros_and_the_others_what_they_held(garbage):
+    graph = random_graph(0)  # slot 4 is masked
+    cleared = jax.tree.map(np.asarray, jax.jit(clear_masked_slots)(overwrite_slot(graph, 4, garbage)))
+    for field in (cleared.boxes, cleared.classes, cleared.robot, cleared.active):
+        assert not field[4].any()
+    jax.tree.map(lambda new, old: np.testing.assert_array_equal(new[:4], old[:4]), cleared, graph)
+
+
+def test_the_graph_is_imported_without_brax_flax_optax_or_mujoco():
+    program = "import sys, graphrl_jax.graph; print({'brax', 'flax', 'optax', 'mujoco'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=120, check=True)
+    assert done.stdout.strip() == "set()"

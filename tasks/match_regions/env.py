@@ -1,26 +1,21 @@
 """Match Regions as a Brax environment on MJX: put the green star and the green square into the green region.
 
 Action (3,) in [-1, 1]: speed (0.8 units/s forwards, 0.6 backwards), turn (2.5 rad/s, counter-clockwise positive) and
-gripper (closed below 0, open from 0 on): MAGICAL's controls with continuous speed and turn. What a policy sees is
-described in `observation.py`; other blocks, regions and forces in `variants.py`.
+gripper (closed below 0, open from 0 on). These are MAGICAL's controls with continuous speed and turn. `observation.py`
+describes the observation, `variants.py` other blocks, regions and forces.
 """
 
 import copy
 import dataclasses
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-from brax.envs.base import State
+from brax.envs.base import Env, State
 from mujoco import mjx
 
-from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.detection import Detector
 from graphrl_jax.graph import safe_norm
-from graphrl_jax.landscape import Landscape
-from graphrl_jax.task import Task
-from tasks.match_regions import geometry, layouts, magical, observation, raster
+from tasks.match_regions import geometry, layouts, magical, observation
 from tasks.match_regions.model import (
     CONTROL_DT,
     DRIVEN_MASS,
@@ -37,23 +32,23 @@ from tasks.match_regions.state import PhysicsState, boxes, placed_targets, score
 FORWARD_SPEED, BACKWARD_SPEED, FINGER_RATE = 4 * ROBOT_RADIUS, 3 * ROBOT_RADIUS, 1.0
 # MAGICAL's fingers approach their angle at ten times the error per second.
 _FINGER_GAIN = 10.0
-# Of blocks that are not there: they lie beside the arena.
+# Joint limit of absent blocks, which lie beside the arena.
 _NO_LIMIT = 100.0
 
 
-class MatchRegions(Task):
-    """See the module's docstring.
+class MatchRegionsEnv(Env):
+    """Physics, observation and reward; see the module's docstring.
 
     Args:
-      layout: where episodes start (see `layouts.py`).
+      layout: distribution of starts (see `layouts.py`).
       physics, reward: constants.
-      targets_in_order: observe the target to see to first; otherwise the first always comes first.
+      targets_in_order: observe the current target first (see `observation.py`), else always the first target.
       varied: share of training episodes that start part of the way to the goal (see `layouts.Training`).
-      control: `discrete` takes MAGICAL's actions by number, () int, instead of ours (see `magical.action`): for replays
-        and planners; policies and the expert act continuously.
+      control: `discrete` takes the number of a MAGICAL action, () int (see `magical.action`), for replays and planners;
+        policies and the expert use `continuous`.
 
     Raises:
-      ValueError: another control.
+      ValueError: the control is unknown.
     """
 
     name = "match_regions"
@@ -61,6 +56,7 @@ class MatchRegions(Task):
     frame_rate = 1 / CONTROL_DT
     action_size = 3
     observation_size = observation.SIZE
+    backend = "mjx"
 
     def __init__(
         self,
@@ -87,36 +83,36 @@ class MatchRegions(Task):
         self._template = mjx.make_data(self.mj_model)
 
     def reset(self, rng: jax.Array) -> State:
-        qpos, moved, homes, scene = self.layout.sample(rng)
-        distance = jnp.linalg.norm(homes - geometry.region_centre(scene.region), axis=-1)
-        distance = jnp.where(scene.present[: layouts.NUM_TARGETS], distance, 0.0)
+        qpos, moved, homes, world = self.layout.sample(rng)
+        distance = jnp.linalg.norm(homes - geometry.region_centre(world.region)[None], axis=-1)
+        distance = jnp.where(world.present[: layouts.NUM_TARGETS], distance, 0.0)
         zeros, zero = jnp.zeros_like(qpos), jnp.zeros((), jnp.float32)
-        physics = PhysicsState(qpos, zeros, zeros, distance, scene)
+        physics = PhysicsState(qpos, zeros, zeros, distance, world)
         metrics = {"success": zero, "score": zero}
-        # A target that starts in its place has been moved there.
-        placed = placed_targets(qpos, scene) & scene.present[: layouts.NUM_TARGETS]
+        # A target that starts inside the region counts as moved.
+        placed = placed_targets(qpos, world) & world.present[: layouts.NUM_TARGETS]
         moved = moved.at[: layouts.NUM_TARGETS].set(moved[: layouts.NUM_TARGETS] | placed)
         info = {"active": jnp.zeros(self.objects.num_slots, bool).at[2 : 2 + self.layout.blocks].set(moved)}
         if not self.layout.fixed:
-            info["class_ids"] = class_ids(scene)
+            info["class_ids"] = class_ids(world)
         return State(physics, observe(physics, self.targets_in_order), zero, zero, metrics, info)
 
     def step(self, state: State, action: jax.Array) -> State:
         physics = self.advance(state.pipeline_state, action)
-        value = score(physics.qpos, physics.scene)
+        value = score(physics.qpos, physics.world)
         metrics = {**state.metrics, "success": (value == 1.0).astype(jnp.float32), "score": value}
         reward = environment_reward(physics, self.reward)
         obs = observe(physics, self.targets_in_order)
         return state.replace(pipeline_state=physics, obs=obs, reward=reward, metrics=metrics)
 
     def advance(self, state: PhysicsState, action: jax.Array) -> PhysicsState:
-        """One control step of physics under `action` (3,), or () int where control is discrete."""
+        """One control step of physics under `action` (3,), or () int if control is discrete."""
         action = magical.action(action) if self.control == "discrete" else jnp.clip(action, -1.0, 1.0)
         speed = action[0] * jnp.where(action[0] > 0, FORWARD_SPEED, BACKWARD_SPEED)
         opening = jnp.where(action[2] < 0, 0.0, FINGER_OPEN)
         finger_targets = jnp.stack([opening, -opening])
-        model = self._model_of(state.scene)
-        drive_force = self.physics.drive_force * (1.0 if self.layout.fixed else state.scene.strengths[0])
+        model = self._model_of(state.world)
+        drive_force = self.physics.drive_force * (1.0 if self.layout.fixed else state.world.strengths[0])
 
         def substep(carry: tuple, _: None) -> tuple:
             qpos, qvel, warmstart = carry
@@ -132,14 +128,14 @@ class MatchRegions(Task):
         (qpos, qvel, warmstart), _ = jax.lax.scan(substep, carry, None, length=self.physics.substeps)
         return state._replace(qpos=qpos, qvel=qvel, warmstart=warmstart)
 
-    def _model_of(self, scene: layouts.Scene) -> mjx.Model:
-        """The model of one episode: its forces, and no walls for blocks that are not there."""
+    def _model_of(self, world: layouts.World) -> mjx.Model:
+        """The model of one episode: its forces, and no walls for absent blocks."""
         if self.layout.fixed:
             return self._model
-        drive, turn, finger, force, torque = scene.strengths
+        drive, turn, finger, force, torque = world.strengths
         actuators = jnp.stack([drive, drive, turn, finger, finger])[:, None]
         frictions = jnp.concatenate([jnp.ones(5), jnp.tile(jnp.stack([force, force, torque]), self.layout.blocks)])
-        away = jnp.concatenate([jnp.zeros(5, bool), jnp.repeat(~scene.present, 3)])
+        away = jnp.concatenate([jnp.zeros(5, bool), jnp.repeat(~world.present, 3)])
         return self._model.replace(
             actuator_forcerange=self._model.actuator_forcerange * actuators,
             dof_frictionloss=self._model.dof_frictionloss * frictions,
@@ -147,68 +143,38 @@ class MatchRegions(Task):
         )
 
     def _drive(self, wanted: jax.Array, velocity: jax.Array, force: jax.Array | float) -> jax.Array:
-        """Velocity (2,) that the servos of both axes are told: a servo gains what it lacks within one sub-step, unless
-        its force is limited. Here that of both together is, as MAGICAL does it.
+        """Velocity command (2,) for the servos of both axes. A servo reaches its command within one sub-step, unless
+        its force is limited. Here the combined force of both axes is limited, as in MAGICAL.
         """
         change = wanted - velocity
         most = force / DRIVEN_MASS * self.physics.timestep
         return velocity + change * jnp.minimum(1.0, most / jnp.maximum(safe_norm(change), 1e-6))
 
     def boxes(self, state: State) -> tuple[jax.Array, jax.Array]:
-        return self.scene_boxes(state.pipeline_state.qpos, state.pipeline_state.scene)
+        return self.scene_boxes(state.pipeline_state.qpos, state.pipeline_state.world)
 
-    def scene_boxes(self, qpos: jax.Array, scene: layouts.Scene) -> tuple[jax.Array, jax.Array]:
+    def scene_boxes(self, qpos: jax.Array, world: layouts.World) -> tuple[jax.Array, jax.Array]:
         """Image-plane boxes (N, 4) and mask (N,) of the scene at `qpos` (5 + 3M,)."""
-        found, mask = boxes(qpos, scene)
+        found, mask = boxes(qpos, world)
         spare = self.objects.num_slots - mask.shape[0]
         return jnp.pad(found, ((0, spare), (0, 0))), jnp.pad(mask, (0, spare))
 
     def events(self, state: State) -> jax.Array:
-        placed = placed_targets(state.pipeline_state.qpos, state.pipeline_state.scene)
+        placed = placed_targets(state.pipeline_state.qpos, state.pipeline_state.world)
         return jnp.append(placed, placed.all())
 
-    def training(self) -> "MatchRegions":
-        if self.control == "discrete":
-            raise ValueError("policies act continuously; allowed: control 'continuous'")
-        return self._changed(layout=layouts.Training(self.layout, self.varied))
-
-    def with_reward(self, **changes: float) -> "MatchRegions":
+    def with_reward(self, **changes: float) -> Self:
         """The same task with some constants of its reward changed."""
-        return self._changed(reward=dataclasses.replace(self.reward, **changes))
+        return self.changed(reward=dataclasses.replace(self.reward, **changes))
 
-    def with_layout(self, layout: layouts.Layout) -> "MatchRegions":
-        """The same task with other starts, drawn by a layout of as many blocks; its leaves may be traced."""
-        return self._changed(layout=layout)
+    def with_layout(self, layout: layouts.Layout) -> Self:
+        """The same task with another layout of the same number of blocks; its leaves may be traced."""
+        return self.changed(layout=layout)
 
-    def _changed(self, **changes: Any) -> "MatchRegions":
+    def changed(self, **changes: Any) -> Self:
+        """The same task with other attributes; the same object if nothing changes."""
         if all(getattr(self, name) is value for name, value in changes.items()):
-            return self  # and what was compiled for it serves on
+            return self  # so that programs compiled for it are reused
         other = copy.copy(self)
         vars(other).update(changes)
         return other
-
-    def picture(self, physics: PhysicsState, size: int) -> jax.Array:
-        return raster.picture(physics.qpos, physics.scene, size)
-
-    def picture_detector(self) -> Detector | None:
-        # It tells the Demo scene's objects apart, by that table's classes.
-        return magical.detector() if self.layout.fixed else None
-
-    def demonstrate(
-        self, key: jax.Array, successes: int, failures: int = 0, picture_size: int | None = None
-    ) -> Demonstrations:
-        from tasks.match_regions.expert import demonstrate
-
-        return demonstrate(self._changed(control="continuous"), key, successes, failures, picture_size)
-
-    def draw_episode(
-        self, states: Any, boxes: np.ndarray, mask: np.ndarray, active: np.ndarray, rewards: np.ndarray, label: str
-    ) -> np.ndarray:
-        from tasks.match_regions.render import episode_frames
-
-        return episode_frames(states.qpos, states.scene, boxes, mask, active, rewards, size=320, label=label)
-
-    def landscape(self, key: jax.Array) -> Landscape:
-        from tasks.match_regions.scenes import landscape
-
-        return landscape(self, key)

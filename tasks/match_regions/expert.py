@@ -1,8 +1,8 @@
-"""The scripted expert: grips blocks and drags them to where its plan says, in one batched program.
+"""The scripted expert: grips blocks and drags them to the goals of its plan, in one batched program.
 
-A plan is a list of jobs (which block, where to); successes and every kind of deliberate failure differ in their jobs
-alone. A job runs through six phases: approach a point beside the block, face it, advance, grip, drag it backwards to
-its goal, release and back off. Plans vary in order, speed, pauses, approach, noise and final placements.
+A plan is a list of jobs (a block and its goal). Successes and all kinds of deliberate failure differ only in their
+jobs. A job has seven phases: approach a point beside the block, face it, advance, grip, drag it backwards to its goal,
+release and back off. Plans vary in order, speed, pauses, approach, noise and final placements.
 """
 
 from dataclasses import replace
@@ -13,16 +13,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from graphrl_jax.compilation import jit_physics
 from graphrl_jax.demonstrations import Demonstrations, reached_for_good
+from graphrl_jax.runtime import jit_physics
 from tasks.collect import collect
-from tasks.match_regions import geometry
-from tasks.match_regions.env import MatchRegions
-from tasks.match_regions.layouts import NUM_TARGETS, Scene, blocks
+from tasks.match_regions import geometry, raster
+from tasks.match_regions.env import MatchRegionsEnv
+from tasks.match_regions.layouts import NUM_TARGETS, World, blocks
 from tasks.match_regions.model import CONTROL_DT
 from tasks.match_regions.objects import class_ids
 from tasks.match_regions.observation import TURN_RATE
-from tasks.match_regions.raster import picture
 from tasks.match_regions.state import PhysicsState, placed_targets, score
 
 APPROACH, FACE, ADVANCE, GRIP, DRAG, RELEASE, BACK_OFF = range(7)
@@ -32,7 +31,7 @@ AVOID_DISTANCE = 0.6
 CLEAR_DISTANCE = 0.52
 MAX_JOBS = 2
 TAIL_FRAMES = 4
-# Where a target is put: this far inside the region's border, at the spot nearest to where it lies.
+# Distance of goals from the region's border; a goal is the nearest such place to the target.
 _INSET = 0.12
 _APART = 0.3
 _AT_WALL = 0.78
@@ -40,9 +39,9 @@ _OPEN_PLACE = 0.85
 BATCH, MAX_BATCHES = 64, 16
 FAILURES = ("one_target", "distractor_in", "target_out", "corner", "bystander", "touched", "nothing")
 """Kinds of deliberate failure: only one target placed; a distractor dragged in instead of the second target; a target
-placed and dragged out again; a target shoved past the region into a corner; one target placed and then a distractor
-dragged about; both targets only set in motion; nothing touched. Bystanders and touches pay under rewards that take
-activity for progress."""
+placed and dragged out again; a target dragged past the region into a corner; one target placed and then a distractor
+dragged elsewhere; both targets only set in motion; nothing touched. `bystander` and `touched` score well under rewards
+that take activity for progress."""
 
 
 _KINDS_OF_TWO = [1 + FAILURES.index(name) for name in ("one_target", "touched")]
@@ -50,13 +49,13 @@ _KINDS_OF_DISTRACTORS = [1 + FAILURES.index(name) for name in ("distractor_in", 
 
 
 class Plan(NamedTuple):
-    """What one episode sets out to do, and in which style.
+    """The plan of one episode.
 
     | field    | shape  | meaning                                                        |
     |----------|--------|----------------------------------------------------------------|
     | block    | (J,)   | int32, index of the block of each job                          |
-    | goal     | (J, 2) | where to drag it                                               |
-    | jobs     | ()     | int32, how many of the J jobs to do                            |
+    | goal     | (J, 2) | goal of the block                                              |
+    | jobs     | ()     | int32, number of the J jobs to do                              |
     | speed    | ()     | share of full speed                                            |
     | side     | (J,)   | radians by which the approach deviates from the straight drag  |
     | pause    | ()     | int32, idle steps before each job                              |
@@ -72,29 +71,29 @@ class Plan(NamedTuple):
     noise: jax.Array
 
 
-class Progress(NamedTuple):
-    """Where in its plan an episode is: job and phase, steps spent in the phase; all () int32."""
+class PlanState(NamedTuple):
+    """Progress in a plan: job, phase, and steps spent in the phase; all () int32."""
 
     job: jax.Array
     phase: jax.Array
     timer: jax.Array
 
 
-def draw_plan(key: jax.Array, kind: jax.Array, qpos: jax.Array, scene: Scene) -> Plan:
+def draw_plan(key: jax.Array, kind: jax.Array, qpos: jax.Array, world: World) -> Plan:
     """A random plan for the blocks at `qpos`; `kind` () int32 is 0 for success, k for `FAILURES[k - 1]`."""
     order_key, goal_key, speed_key, side_key, pause_key, noise_key = jax.random.split(key, 6)
-    targets = scene.present[:NUM_TARGETS].sum()
+    targets = world.present[:NUM_TARGETS].sum()
     first = jnp.where(targets == 1, 0, jax.random.bernoulli(order_key)).astype(jnp.int32)
     second = 1 - first
     starts = blocks(qpos)[:NUM_TARGETS, :2]
-    goals = _goals(starts, scene.region) + jax.random.uniform(goal_key, (2, 2), minval=-0.05, maxval=0.05)
-    others = scene.present & (jnp.arange(scene.present.shape[0]) >= NUM_TARGETS)
+    goals = _goals(starts, world.region) + jax.random.uniform(goal_key, (2, 2), minval=-0.05, maxval=0.05)
+    others = world.present & (jnp.arange(world.present.shape[0]) >= NUM_TARGETS)
     distractor = jax.random.categorical(goal_key, jnp.where(others, 0.0, -jnp.inf))
-    outside, corner = _outside(scene.region), _corner(scene.region)
+    outside, corner = _outside(world.region), _corner(world.region)
     aside = outside[1]
     nudged = starts + 0.3 * jax.vmap(_unit)(goals - starts)
     both, one_of_each = jnp.array([first, second]), jnp.array([first, distractor])
-    jobs = [  # blocks, goals and how many jobs to do: success, then `FAILURES`
+    jobs = [  # blocks, goals and number of jobs: success, then `FAILURES`
         (both, goals[both], targets),
         (both, goals[both], 1),
         (one_of_each, goals[both], 2),
@@ -117,9 +116,9 @@ def draw_plan(key: jax.Array, kind: jax.Array, qpos: jax.Array, scene: Scene) ->
 
 
 def _goals(starts: jax.Array, region: jax.Array) -> jax.Array:
-    """Where targets at `starts` (2, 2) are put: the nearest places well inside the region, apart from each other."""
+    """Goals of targets at `starts` (2, 2): the nearest places well inside the region, apart from each other."""
     low, high = geometry.region_corners(region)
-    nearest = jnp.clip(starts, low + _INSET, high - _INSET)
+    nearest = jnp.clip(starts, (low + _INSET)[None], (high - _INSET)[None])
     opposite = low + high - nearest[0]
     close = jnp.linalg.norm(nearest[1] - nearest[0]) < _APART
     return nearest.at[1].set(jnp.where(close, opposite, nearest[1]))
@@ -138,17 +137,17 @@ def _corner(region: jax.Array) -> jax.Array:
     return _OPEN_PLACE * jnp.where(geometry.region_centre(region) > 0, 1.0, -1.0)
 
 
-def begin() -> Progress:
-    """Progress at the start of an episode."""
+def begin() -> PlanState:
+    """The plan state at the start of an episode."""
     zero = jnp.zeros((), jnp.int32)
-    return Progress(zero, zero, zero)
+    return PlanState(zero, zero, zero)
 
 
 def act(
-    plan: Plan, progress: Progress, qpos: jax.Array, region: jax.Array, key: jax.Array
-) -> tuple[Progress, jax.Array]:
-    """One decision of the expert at `qpos` (5 + 3M,): the next progress and an action (3,)."""
-    job = jnp.minimum(progress.job, MAX_JOBS - 1)
+    plan: Plan, plan_state: PlanState, qpos: jax.Array, region: jax.Array, key: jax.Array
+) -> tuple[PlanState, jax.Array]:
+    """One decision of the expert at `qpos` (5 + 3M,): the next plan state and an action (3,)."""
+    job = jnp.minimum(plan_state.job, MAX_JOBS - 1)
     block = blocks(qpos)[plan.block[job], :2]
     goal = plan.goal[job]
     robot, ahead = qpos[:2], geometry.heading(qpos[2])
@@ -161,10 +160,10 @@ def act(
     turn_to_block, turn_rear = _turn(facing), _turn(rear)
     held = jnp.linalg.norm(block - robot)
     to_goal = jnp.linalg.norm(goal - block)
-    # Dragged past it, or with the robot at the wall, a block is as near its goal as it gets.
+    # A block has also arrived if it was dragged past its goal, or if it is inside with the robot at the wall.
     stopped = (jnp.max(jnp.abs(robot)) > _AT_WALL) & geometry.inside_region(region, block)
     arrived = (to_goal < 0.05) | ((to_goal < 0.25) & ((goal - block) @ ahead > -0.05)) | stopped
-    phase = progress.phase
+    phase = plan_state.phase
     by_phase = jnp.stack(
         [
             jnp.stack([cruise[0], cruise[1], -1.0]),
@@ -178,17 +177,17 @@ def act(
     )
     finished = jnp.stack(
         [
-            (jnp.linalg.norm(standoff - robot) < 0.15) | (progress.timer > 40),
+            (jnp.linalg.norm(standoff - robot) < 0.15) | (plan_state.timer > 40),
             jnp.abs(facing) < 0.15,
-            (held < HELD_DISTANCE) | (progress.timer > 12),
-            progress.timer >= 2,
-            arrived | (progress.timer > 40) | (held > 0.5),
-            progress.timer >= 1,
-            (held > CLEAR_DISTANCE) | (progress.timer > 5),
+            (held < HELD_DISTANCE) | (plan_state.timer > 12),
+            plan_state.timer >= 2,
+            arrived | (plan_state.timer > 40) | (held > 0.5),
+            plan_state.timer >= 1,
+            (held > CLEAR_DISTANCE) | (plan_state.timer > 5),
         ]
     )
-    waiting = (phase == APPROACH) & (progress.timer < plan.pause)
-    done = progress.job >= plan.jobs
+    waiting = (phase == APPROACH) & (plan_state.timer < plan.pause)
+    done = plan_state.job >= plan.jobs
     action = jnp.where(waiting | done, jnp.array([0.0, 0.0, 1.0]), by_phase[phase])
     driving = jnp.isin(phase, jnp.array([APPROACH, ADVANCE, DRAG])) & ~waiting & ~done
     noise = plan.noise * jax.random.normal(key, (2,)) * driving
@@ -197,12 +196,12 @@ def act(
     advance = finished[phase] & ~waiting & ~done
     # A block that slipped away is approached again.
     lost = (phase == DRAG) & ~arrived & (held > 0.5)
-    # Nothing comes after the last job: its block is let go, and the robot stays.
+    # After the last job the robot releases the block and stays.
     last = (phase == RELEASE) & (job == plan.jobs - 1)
     following = jnp.where((phase == BACK_OFF) | last | lost, APPROACH, phase + 1)
-    next_job = progress.job + (advance & ((phase == BACK_OFF) | last))
+    next_job = plan_state.job + (advance & ((phase == BACK_OFF) | last))
     next_phase = jnp.where(advance, following, phase)
-    return Progress(next_job, next_phase, jnp.where(advance, 0, progress.timer + 1)), action
+    return PlanState(next_job, next_phase, jnp.where(advance, 0, plan_state.timer + 1)), action
 
 
 def _unit(vector: jax.Array) -> jax.Array:
@@ -222,19 +221,19 @@ def _turn(bearing: jax.Array) -> jax.Array:
 def _go_to(qpos: jax.Array, point: jax.Array) -> jax.Array:
     """Speed and turn towards `point`, around the blocks on the way: (2,)."""
     robot, ahead = qpos[:2], geometry.heading(qpos[2])
-    offset = robot - blocks(qpos)[:, :2]
+    offset = robot[None] - blocks(qpos)[:, :2]
     distance = jnp.linalg.norm(offset, axis=-1)
     to_point = jnp.linalg.norm(point - robot)
     push = jnp.maximum(0.0, AVOID_DISTANCE - distance) / AVOID_DISTANCE * jnp.minimum(1.0, to_point / 0.3)
     away = offset / jnp.maximum(distance, 1e-6)[:, None]
-    # Around, not only away: the sideways part that leads towards the point keeps the robot from stalling.
+    # The sideways part leads towards the point and keeps the robot from stalling.
     towards = _unit(point - robot)
     sideways = jnp.stack([-away[:, 1], away[:, 0]], -1)
     sideways = sideways * jnp.sign(sideways @ towards)[:, None]
     in_the_way = jnp.maximum(0.0, 0.3 - away @ towards)
     direction = towards + jnp.sum((push * in_the_way)[:, None] * (4.0 * away + 4.0 * sideways), axis=0)
     bearing = _bearing(ahead, direction)
-    # Backing towards a near point behind is quicker than turning round.
+    # Backing towards a near point is quicker than turning round.
     backwards = (jnp.abs(bearing) > 2.0) & (to_point < 0.8)
     bearing = jnp.where(backwards, _bearing(-ahead, direction), bearing)
     speed = jnp.maximum(jnp.cos(bearing), 0.0) ** 2 * jnp.clip(to_point * 5, 0.3, 1.0)
@@ -242,71 +241,71 @@ def _go_to(qpos: jax.Array, point: jax.Array) -> jax.Array:
 
 
 @partial(jit_physics, static_argnums=0)
-def rollouts(task: MatchRegions, key: jax.Array, kinds: jax.Array) -> tuple[jax.Array, Scene, jax.Array]:
+def rollouts(task: MatchRegionsEnv, key: jax.Array, kinds: jax.Array) -> tuple[jax.Array, World, jax.Array]:
     """Runs one episode of each kind in `kinds` (B,) side by side.
 
     Returns:
-      qpos of every frame (B, T + 1, 5 + 3M), the scenes (B, ...), and after how many frames each plan was done (B,)
-      int32.
+      qpos of every frame (B, T + 1, 5 + 3M), the scenes (B, ...), and the number of frames in which each plan was busy
+      (B,) int32.
     """
     reset_key, plan_key, act_key = jax.random.split(key, 3)
     batch = kinds.shape[0]
     physics = jax.vmap(lambda key: task.reset(key).pipeline_state)(jax.random.split(reset_key, batch))
-    plans = jax.vmap(draw_plan)(jax.random.split(plan_key, batch), kinds, physics.qpos, physics.scene)
-    progress = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch,)), begin())
+    plans = jax.vmap(draw_plan)(jax.random.split(plan_key, batch), kinds, physics.qpos, physics.world)
+    plan_state = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch,)), begin())
 
-    def step(carry: tuple[PhysicsState, Progress], key: jax.Array) -> tuple:
-        physics, progress = carry
+    def step(carry: tuple[PhysicsState, PlanState], key: jax.Array) -> tuple:
+        physics, plan_state = carry
         keys = jax.random.split(key, batch)
-        progress, actions = jax.vmap(act)(plans, progress, physics.qpos, physics.scene.region, keys)
+        plan_state, actions = jax.vmap(act)(plans, plan_state, physics.qpos, physics.world.region, keys)
         physics = jax.vmap(task.advance)(physics, actions)
-        return (physics, progress), (physics.qpos, progress.job < plans.jobs)
+        return (physics, plan_state), (physics.qpos, plan_state.job < plans.jobs)
 
-    start, scene = physics.qpos, physics.scene
+    start, world = physics.qpos, physics.world
     keys = jax.random.split(act_key, task.episode_length)
-    _, (qpos, busy) = jax.lax.scan(step, (physics, progress), keys)
+    _, (qpos, busy) = jax.lax.scan(step, (physics, plan_state), keys)
     frames = jnp.concatenate([start[None], qpos]).swapaxes(0, 1)
-    return frames, scene, jnp.sum(busy, axis=0, dtype=jnp.int32)
+    return frames, world, jnp.sum(busy, axis=0, dtype=jnp.int32)
 
 
 def demonstrate(
-    task: MatchRegions, key: jax.Array, successes: int, failures: int, picture_size: int | None
+    task: MatchRegionsEnv, key: jax.Array, successes: int, failures: int, image_size: int | None
 ) -> Demonstrations:
-    """Demonstrations that really succeed and failures that really fail; see `collect`."""
+    """Runs the expert until it has demonstrations that really succeed and failures that really fail; see `collect`."""
 
-    def run(key: jax.Array, kinds: np.ndarray) -> tuple[tuple[np.ndarray, Scene, np.ndarray], np.ndarray]:
+    def run(key: jax.Array, kinds: np.ndarray) -> tuple[tuple[np.ndarray, World, np.ndarray], np.ndarray]:
         episodes = jax.tree.map(np.asarray, rollouts(task, key, jnp.asarray(kinds)))
-        qpos, scene, _ = episodes
-        solved = np.asarray(jax.vmap(score)(qpos[:, -1], scene)) == 1.0
-        # A failure without the blocks it needs is none of its kind; counted as solved, it is dropped.
-        lacking = ~scene.present[:, 1] & np.isin(kinds, _KINDS_OF_TWO)
-        lacking |= ~scene.present[:, NUM_TARGETS:].any(1) & np.isin(kinds, _KINDS_OF_DISTRACTORS)
+        qpos, world, _ = episodes
+        solved = np.asarray(jax.vmap(score)(qpos[:, -1], world)) == 1.0
+        # A failure without the blocks of its kind counts as solved, so that it is dropped.
+        lacking = ~world.present[:, 1] & np.isin(kinds, _KINDS_OF_TWO)
+        lacking |= ~world.present[:, NUM_TARGETS:].any(1) & np.isin(kinds, _KINDS_OF_DISTRACTORS)
         return episodes, solved | lacking
 
     batches = max(MAX_BATCHES, 8 * (successes + failures) // BATCH)
-    (qpos, scene, busy), kinds = collect(run, key, successes, failures, len(FAILURES), BATCH, batches)
-    demos = _as_demonstrations(task, qpos, scene, busy, kinds)
-    return demos if picture_size is None else replace(demos, frames=_pictures(qpos, scene, picture_size))
+    (qpos, world, busy), kinds = collect(run, key, successes, failures, len(FAILURES), BATCH, batches)
+    demos = _as_demonstrations(task, qpos, world, busy, kinds)
+    return demos if image_size is None else replace(demos, frames=_images(qpos, world, image_size))
 
 
-def _pictures(qpos: np.ndarray, scene: Scene, size: int) -> np.ndarray:
-    """Pictures (B, T, size, size, 3) uint8 of episodes."""
+def _images(qpos: np.ndarray, world: World, size: int) -> np.ndarray:
+    """Images (B, T, size, size, 3) uint8 of episodes."""
 
-    def draw(qpos: jax.Array, scene: Scene) -> jax.Array:
-        return jnp.round(255 * picture(qpos, scene, size)).astype(jnp.uint8)
+    def draw(qpos: jax.Array, world: World) -> jax.Array:
+        return jnp.round(255 * raster.image(qpos, world, size)).astype(jnp.uint8)
 
     drawn = jax.jit(jax.vmap(draw, in_axes=(0, None)))
-    return np.stack([drawn(frames, jax.tree.map(lambda leaf, i=i: leaf[i], scene)) for i, frames in enumerate(qpos)])
+    return np.stack([drawn(frames, jax.tree.map(lambda leaf, i=i: leaf[i], world)) for i, frames in enumerate(qpos)])
 
 
 def _as_demonstrations(
-    task: MatchRegions, qpos: np.ndarray, scene: Scene, busy: np.ndarray, kinds: np.ndarray
+    task: MatchRegionsEnv, qpos: np.ndarray, world: World, busy: np.ndarray, kinds: np.ndarray
 ) -> Demonstrations:
     every_frame = (0, None)
-    found, mask = jax.jit(jax.vmap(jax.vmap(task.scene_boxes, every_frame)))(qpos, scene)
-    placed = np.asarray(jax.vmap(jax.vmap(placed_targets, every_frame))(qpos, scene))
+    found, mask = jax.jit(jax.vmap(jax.vmap(task.scene_boxes, every_frame)))(qpos, world)
+    placed = np.asarray(jax.vmap(jax.vmap(placed_targets, every_frame))(qpos, world))
     reached = np.concatenate([placed, placed.all(-1, keepdims=True)], -1)
-    # A plan of no jobs is not over at once: its robot stands there for the whole episode.
+    # A plan without jobs lasts for the whole episode; its robot stands still.
     lengths = np.where(kinds == 1 + FAILURES.index("nothing"), qpos.shape[1], busy + TAIL_FRAMES)
     return Demonstrations(
         boxes=np.asarray(found),
@@ -317,7 +316,7 @@ def _as_demonstrations(
         frame_rate=task.frame_rate,
         source="scripted expert",
         task=task.name,
-        classes=None if task.layout.fixed else np.asarray(jax.vmap(class_ids)(scene)),
+        classes=None if task.layout.fixed else np.asarray(jax.vmap(class_ids)(world)),
         events=reached_for_good(reached),
         event_names=task.event_names,
         kinds=np.array(("success", *FAILURES))[kinds],

@@ -1,7 +1,7 @@
 """Outlines of the objects and their tight image-plane boxes.
 
-The image spans [-1.02, 1.02]^2 of the arena; x runs right, y down. All blocks have the area of a disc of radius
-`BLOCK_SIZE` but the star, whose outer radius is 1.3 times that (as MAGICAL draws them).
+The image spans [-1.02, 1.02]^2 of the arena; x runs right, y down. Blocks have the area of a disc of radius
+`BLOCK_SIZE`, except the star, which has an outer radius of 1.3 `BLOCK_SIZE` (as MAGICAL draws them).
 """
 
 import math
@@ -22,9 +22,9 @@ from tasks.match_regions.model import (
 
 VIEW_HALF = 1.02
 DRAWN_LOWER = FINGER_LOWER - FINGER_HALF_THICKNESS
-"""The lower finger as MAGICAL draws it: its rounded end is part of its length, which the collision shape adds."""
+"""Axis length of the drawn lower finger. MAGICAL's length includes the rounded end; the collision shape adds it."""
 REGION = (0.1, 0.7, 0.0, 0.7)
-"""The goal region of the Demo layout: x from, x to, y from, y to (arena units), as every region (4,) here."""
+"""Goal region of the Demo layout: x from, x to, y from, y to in arena units, like every region (4,)."""
 SHAPES = ("star", "square", "pentagon", "circle")
 STAR, SQUARE, PENTAGON, CIRCLE = range(4)
 
@@ -35,12 +35,12 @@ _MAX_VERTICES = 5
 
 
 def _polygon(sides: int, radius: float, phase: float) -> np.ndarray:
-    """Corners, repeated to `_MAX_VERTICES` so that every block has as many: (5, 2)."""
+    """Corners, repeated to `_MAX_VERTICES` so that all blocks have the same number: (5, 2)."""
     angles = phase + np.arange(_MAX_VERTICES) % sides * 2 * math.pi / sides
     return radius * np.stack([np.cos(angles), np.sin(angles)], -1)
 
 
-# The box of a star is that of its five outer points.
+# The box of a star is the box of its five outer points.
 _CORNERS = np.stack(
     [
         _polygon(5, STAR_OUTER, math.pi / 2),
@@ -59,7 +59,7 @@ def rotation(theta: jax.Array) -> jax.Array:
 
 
 def heading(theta: jax.Array) -> jax.Array:
-    """Unit vector the robot faces at angle `theta` (): (2,). MAGICAL's robot faces up at angle 0."""
+    """Unit vector in the robot's direction at angle `theta` (): (2,). MAGICAL's robot faces up at angle 0."""
     return jnp.stack([-jnp.sin(theta), jnp.cos(theta)])
 
 
@@ -75,7 +75,7 @@ def region_corners(region: jax.Array) -> tuple[jax.Array, jax.Array]:
 
 def inside_region(region: jax.Array, positions: jax.Array) -> jax.Array:
     """Whether points (..., 2) lie in a region (4,): (...,) bool."""
-    low, high = region_corners(region)
+    low, high = (jnp.broadcast_to(corner, positions.shape) for corner in region_corners(region))
     return jnp.all((positions >= low) & (positions <= high), axis=-1)
 
 
@@ -88,7 +88,7 @@ def finger_points(fingers: jax.Array) -> jax.Array:
     def one(sign: float, angle: jax.Array) -> jax.Array:
         tip = [-sign * DRAWN_LOWER * math.sin(FINGER_BEND), FINGER_UPPER + DRAWN_LOWER * math.cos(FINGER_BEND)]
         points = jnp.array([[0.0, 0.0], [0.0, FINGER_UPPER], tip])
-        return points @ rotation(angle).T + jnp.array([sign * FINGER_HINGE[0], FINGER_HINGE[1]])
+        return points @ rotation(angle).T + jnp.array([[sign * FINGER_HINGE[0], FINGER_HINGE[1]]])
 
     return jnp.stack([one(-1.0, fingers[0]), one(1.0, fingers[1])])
 
@@ -105,14 +105,14 @@ def robot_box(pose: jax.Array, fingers: jax.Array) -> jax.Array:
     """Box of the robot with its fingers: `pose` (3,) is x, y, theta, `fingers` (2,) their angles; (4,)."""
     points = jnp.concatenate([jnp.zeros((1, 2)), finger_points(fingers).reshape(-1, 2)])
     radii = jnp.full(points.shape[0], FINGER_HALF_THICKNESS).at[0].set(ROBOT_RADIUS)
-    return _box(points @ rotation(pose[2]).T + pose[:2], radii)
+    return _box(points @ rotation(pose[2]).T + pose[None, :2], radii)
 
 
 def block_boxes(poses: jax.Array, shapes: jax.Array) -> jax.Array:
     """Boxes of blocks at `poses` (M, 3), x, y, theta each, whose `shapes` (M,) index `SHAPES`: (M, 4)."""
 
     def one(pose: jax.Array, corners: jax.Array, rounding: jax.Array) -> jax.Array:
-        points = corners @ rotation(pose[2]).T + pose[:2]
+        points = corners @ rotation(pose[2]).T + pose[None, :2]
         return _box(points, jnp.full(_MAX_VERTICES, rounding))
 
     return jax.vmap(one)(poses, jnp.asarray(_CORNERS)[shapes], jnp.asarray(_ROUNDING)[shapes])
@@ -124,7 +124,7 @@ def region_box(region: jax.Array) -> jax.Array:
 
 
 def outline(shape: int) -> np.ndarray:
-    """Corners of a shape's drawn outline in its own frame, for pictures: (V, 2)."""
+    """Corners of a shape's drawn outline in its own frame, for drawings: (V, 2)."""
     if shape == CIRCLE:
         angles = np.linspace(0, 2 * math.pi, 32, endpoint=False)
         return BLOCK_SIZE * np.stack([np.cos(angles), np.sin(angles)], -1)

@@ -1,4 +1,4 @@
-"""Where episodes start: distributions over `Start`, cheap enough to be drawn at every environment step.
+"""Distributions of starts, cheap enough to be sampled at every environment step.
 
 Symbols: M block slots, of which some may be empty. The first two are the targets.
 """
@@ -32,24 +32,24 @@ BLOCK_STARTS = np.array(
 HELD_REACH = 0.325
 HELD_OPENING = 0.2
 _CANDIDATES = 6
-# What blocks and robot keep free around their centres: the star reaches furthest, and the robot has fingers.
+# Clear radius around the centres of blocks (for the star, the largest) and of the robot (with its fingers).
 _CLEARANCE, _ROBOT_CLEARANCE = 1.25 * BLOCK_SIZE, 1.25 * ROBOT_RADIUS
-# How far a bump shifts a distractor, a standard deviation in arena units.
+# Standard deviation of the shift of a bumped distractor, in arena units.
 _BUMP = 0.12
 
 
-class Scene(NamedTuple):
-    """What an episode is played with.
+class World(NamedTuple):
+    """Region, blocks and forces of an episode.
 
     | field         | shape | dtype   | meaning                                                                  |
     |---------------|-------|---------|--------------------------------------------------------------------------|
     | region        | (4,)  | float32 | goal region: x from, x to, y from, y to                                  |
     | region_colour | ()    | int32   | index into `COLOURS`                                                     |
-    | colours       | (M,)  | int32   | of the blocks; the targets have the region's                             |
-    | shapes        | (M,)  | int32   | of the blocks, index into `geometry.SHAPES`                              |
-    | present       | (M,)  | bool    | the slot holds a block; the first always does                            |
-    | strengths     | (5,)  | float32 | factors on the forces in `Physics`: drive, turn, fingers, and of the dry |
-    |               |       |         | friction under blocks, force and torque                                  |
+    | colours       | (M,)  | int32   | colours of the blocks; targets have the region's colour                  |
+    | shapes        | (M,)  | int32   | shapes of the blocks, index into `geometry.SHAPES`                       |
+    | present       | (M,)  | bool    | the slot holds a block; the first slot always does                       |
+    | strengths     | (5,)  | float32 | factors on the limits in `Physics`: drive force, turn torque, finger     |
+    |               |       |         | torque, and force and torque of the dry friction under blocks            |
     """
 
     region: jax.Array
@@ -67,22 +67,22 @@ class Start(NamedTuple):
     |-------|-----------|---------|---------------------------------------------------------------|
     | qpos  | (5 + 3M,) | float32 | see `state.PhysicsState`                                      |
     | moved | (M,)      | bool    | blocks that count as moved before the episode begins          |
-    | homes | (2, 2)    | float32 | places that the targets count as brought from                 |
-    | scene |           |         | `Scene`                                                       |
+    | homes | (2, 2)    | float32 | positions from which the targets count as brought             |
+    | world |           |         | `World`                                                       |
     """
 
     qpos: jax.Array
     moved: jax.Array
     homes: jax.Array
-    scene: Scene
+    world: World
 
 
 class Layout(Protocol):
-    """Draws initial configurations.
+    """A distribution of initial configurations.
 
     Attributes:
-      blocks: M, how many block slots there are.
-      fixed: every episode has the same blocks under the same forces, those of `demo_scene`; poses and region differ.
+      blocks: M, the number of block slots.
+      fixed: every episode has the blocks and forces of `demo_scene`; only poses and the region may differ.
     """
 
     @property
@@ -92,20 +92,20 @@ class Layout(Protocol):
     def fixed(self) -> bool: ...
 
     def sample(self, key: jax.Array) -> Start:
-        """One of them."""
+        """A random start."""
         ...
 
 
-def demo_scene(blocks: int = 5) -> Scene:
+def demo_scene(blocks: int = 5) -> World:
     """The scene of MAGICAL's demonstrations, on the host; slots beyond its five blocks are empty."""
-    return Scene(
+    return World(
         region=np.array(REGION, np.float32),
         region_colour=np.int32(GREEN),
         colours=np.resize(np.array([GREEN, GREEN, BLUE, YELLOW, YELLOW], np.int32), blocks),
         shapes=np.resize(np.array([STAR, SQUARE, PENTAGON, CIRCLE, PENTAGON], np.int32), blocks),
         present=np.arange(blocks) < 5,
         strengths=np.ones(5, np.float32),
-    )  # type: ignore[arg-type]  # numpy arrays are as good as JAX's
+    )  # type: ignore[arg-type]  # numpy arrays serve as JAX arrays
 
 
 def pack(robot: jax.Array, fingers: jax.Array, blocks: jax.Array) -> jax.Array:
@@ -123,25 +123,25 @@ def open_fingers() -> jax.Array:
     return jnp.array([FINGER_OPEN, -FINGER_OPEN], jnp.float32)
 
 
-def begin(poses: jax.Array, scene: Scene) -> Start:
+def begin(poses: jax.Array, world: World) -> Start:
     """A start at poses (1 + M, 3) of robot and blocks; nothing has been moved."""
     moved = jnp.zeros(poses.shape[0] - 1, bool)
-    return Start(pack(poses[0], open_fingers(), poses[1:]), moved, poses[1 : 1 + NUM_TARGETS, :2], scene)
+    return Start(pack(poses[0], open_fingers(), poses[1:]), moved, poses[1 : 1 + NUM_TARGETS, :2], world)
 
 
 def jittered(key: jax.Array, poses: jax.Array, shift: jax.Array | float, turn: jax.Array | float) -> jax.Array:
     """Poses (K, 3) of the robot and blocks, each shifted by up to `shift` per axis and turned by up to `turn`."""
     limits = jnp.stack([shift, shift, turn])
-    poses = poses + limits * jax.random.uniform(key, poses.shape, minval=-1.0, maxval=1.0)
+    poses = poses + limits[None] * jax.random.uniform(key, poses.shape, minval=-1.0, maxval=1.0)
     # A wide jitter must not push an object into the wall it starts beside.
     reach = jnp.array([ARENA_HALF - ROBOT_RADIUS] + [BLOCK_REACH] * (poses.shape[0] - 1))[:, None]
     return jnp.concatenate([jnp.clip(poses[:, :2], -reach, reach), poses[:, 2:]], axis=-1)
 
 
 def scatter(key: jax.Array, present: jax.Array, keep_clear: jax.Array | None = None) -> jax.Array:
-    """Poses (1 + M, 3) of the robot and of the blocks `present` (M,), anywhere: one after the other, each in the first
-    of a few random places that is free of the earlier ones (and of the region `keep_clear` (4,), if given), or in the
-    freest. Fingers are not asked: where they start in a wall or a block, contacts push them out.
+    """Random poses (1 + M, 3) of the robot and of the blocks `present` (M,). Each in turn takes the first of a few
+    random places that is clear of earlier ones (and of the region `keep_clear` (4,), if given), or the clearest place.
+    Fingers are ignored: if they start in a wall or a block, contacts push them out.
     """
     place_key, angle_key = jax.random.split(key)
     number = 1 + present.shape[0]
@@ -151,14 +151,14 @@ def scatter(key: jax.Array, present: jax.Array, keep_clear: jax.Array | None = N
     clear = jnp.full(places.shape[:2], jnp.inf)
     if keep_clear is not None:
         low, high = geometry.region_corners(keep_clear)
-        clear = jnp.linalg.norm(places - jnp.clip(places, low, high), axis=-1) - radii[:, None]
+        clear = jnp.linalg.norm(places - jnp.clip(places, low[None, None], high[None, None]), axis=-1) - radii[:, None]
     there = jnp.append(True, present)
 
     def place(index: int, chosen: jax.Array) -> jax.Array:
-        gaps = jnp.linalg.norm(places[index][:, None] - chosen, axis=-1) - radii[index] - radii
+        gaps = jnp.linalg.norm(places[index][:, None] - chosen[None], axis=-1) - radii[index] - radii[None]
         earlier = there & (jnp.arange(number) < index)
         free = jnp.minimum(jnp.min(jnp.where(earlier, gaps, jnp.inf), axis=1), clear[index])
-        # Beyond 0 one place is as good as another: the first such, or the freest.
+        # The first place with a gap of at least 0, or the one with the largest gap.
         return chosen.at[index].set(places[index, jnp.argmax(jnp.minimum(free, 0.0))])
 
     chosen = jax.lax.fori_loop(0, number, place, jnp.zeros((number, 2)))
@@ -181,13 +181,13 @@ class Demo:
 
 @dataclass(frozen=True)
 class Training:
-    """What policies are trained on: the layout of interest, and starts part of the way to the goal.
+    """Starts for policy training: those of a base layout, and starts part of the way to the goal.
 
-    In a share `varied` of the episodes one target is in focus. It lies where the layout has it or anywhere, the other
-    one where the layout has it or already inside the region, with equal chances; and the robot starts anywhere, in
-    front of one of the two, or holding it, again with equal chances. In a share `bumped` of all episodes each
-    distractor has been bumped or not, with equal chances, as happens on the way to such starts: without it, policies
-    that bump distractors do not recognise what they learned from them. Knows nothing of demonstrations.
+    In a share `varied` of the episodes one target is in focus. It is at its base place or anywhere, and the other
+    target is at its base place or already inside the region, with equal probability. The robot starts anywhere, in
+    front of one of the two, or holding it, also with equal probability. In a share `bumped` of all episodes each
+    distractor is bumped with probability 1/2, as happens on the way to such starts. Otherwise a policy that bumps a
+    distractor would be in a state unlike any start. Demonstrations are not used.
     """
 
     base: Layout
@@ -207,34 +207,34 @@ class Training:
             key, 8
         )
         start = self.base.sample(base_key)
-        scene, poses = start.scene, blocks(start.qpos)
-        scattered = scatter(random_key, scene.present)
-        count = jnp.sum(scene.present[:NUM_TARGETS])
+        world, poses = start.world, blocks(start.qpos)
+        scattered = scatter(random_key, world.present)
+        count = jnp.sum(world.present[:NUM_TARGETS])
         in_focus = jnp.arange(NUM_TARGETS) == jax.random.randint(focus_key, (), 0, count)
         focus_anywhere, other_placed, at_focus = jax.random.bernoulli(choice_key, shape=(3,))
         at_focus = at_focus | (count == 1)
 
-        low, high = geometry.region_corners(jnp.clip(scene.region, -BLOCK_REACH, BLOCK_REACH))
+        low, high = geometry.region_corners(jnp.clip(world.region, -BLOCK_REACH, BLOCK_REACH))
         placed = jax.random.uniform(place_key, (2,), minval=low, maxval=high)
         anywhere = scattered[1 : 1 + NUM_TARGETS]
         replaced = jnp.where(in_focus[:, None], anywhere, anywhere.at[:, :2].set(placed))
-        replacing = jnp.where(in_focus, focus_anywhere, other_placed) & scene.present[:NUM_TARGETS]
+        replacing = jnp.where(in_focus, focus_anywhere, other_placed) & world.present[:NUM_TARGETS]
         targets = jnp.where(replacing[:, None], replaced, poses[:NUM_TARGETS])
         beside = jnp.where(in_focus[0] == at_focus, targets[0], targets[1])
         robot, opening = _approach(robot_key, scattered[0], beside)
         varied = pack(robot, opening * open_fingers(), poses.at[:NUM_TARGETS].set(targets))
         chosen = jax.random.uniform(share_key) < self.varied
-        # A target that starts in its place counts as brought there from where the layout had it.
-        inside = geometry.inside_region(scene.region, targets[:, :2])
+        # A target that starts inside the region counts as brought from its base place.
+        inside = geometry.inside_region(world.region, targets[:, :2])
         homes = jnp.where((chosen & ~inside)[:, None], targets[:, :2], start.homes)
         start = start._replace(qpos=jnp.where(chosen, varied, start.qpos), homes=homes)
         return _bump(bump_key, start, self.bumped)
 
 
 def _bump(key: jax.Array, start: Start, share: float) -> Start:
-    """With probability `share`, distractors shifted a little, each with equal chances; they count as moved."""
+    """With probability `share`, shifts each distractor a little with probability 1/2; shifted ones count as moved."""
     episode_key, block_key, shift_key = jax.random.split(key, 3)
-    poses, present = blocks(start.qpos), start.scene.present
+    poses, present = blocks(start.qpos), start.world.present
     bumped = jax.random.bernoulli(episode_key, share) & jax.random.bernoulli(block_key, shape=present.shape)
     bumped = bumped & present & (jnp.arange(present.shape[0]) >= NUM_TARGETS)
     shift = _BUMP * jax.random.normal(shift_key, (present.shape[0], 2))
@@ -245,14 +245,14 @@ def _bump(key: jax.Array, start: Start, share: float) -> Start:
 
 
 def _approach(key: jax.Array, robot: jax.Array, block: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """The robot (3,) where it is, facing the block (3,) from nearby, or holding it, and its fingers' opening ()."""
+    """Robot pose (3,), unchanged, facing the block (3,) from nearby, or holding it, and the fingers' opening ()."""
     kind_key, angle_key, distance_key, error_key = jax.random.split(key, 4)
     kind = jax.random.randint(kind_key, (), 0, 3)
     distance = jnp.where(kind == 1, jax.random.uniform(distance_key, minval=0.4, maxval=0.9), HELD_REACH)
     error = jnp.where(kind == 1, jax.random.uniform(error_key, minval=-0.5, maxval=0.5), 0.0)
-    # Of a few directions the first that keeps the robot off the walls.
+    # The first of a few directions that keeps the robot off the walls.
     angles = jax.random.uniform(angle_key, (_CANDIDATES,), minval=-math.pi, maxval=math.pi)
-    places = block[:2] - distance * jax.vmap(geometry.heading)(angles)
+    places = block[None, :2] - distance * jax.vmap(geometry.heading)(angles)
     reach = ARENA_HALF - ROBOT_RADIUS
     first = jnp.argmax(jnp.max(jnp.abs(places), axis=-1) <= reach)
     pose = jnp.append(jnp.clip(places[first], -reach, reach), angles[first] + error)

@@ -1,9 +1,9 @@
 """The planar MuJoCo scene of Match Regions, in MAGICAL's arena units (one unit is half the arena's side).
 
-Everything moves in the plane z = 0 and is seen from above. Blocks collide as discs of their nominal size, which
-keeps every contact a sphere-sphere or sphere-capsule pair; their drawn outlines (`geometry.py`) give the boxes.
-Sub-steps, solver and contact limits were chosen with `benchmarks/physics_settings.py`; what they make of recorded
-human actions, `benchmarks/magical_fidelity.py` measures.
+Everything moves in the plane z = 0 and is seen from above. Blocks collide as discs of their nominal size, so that
+every contact between bodies is a sphere-sphere or sphere-capsule pair; drawn outlines (`geometry.py`) give the boxes.
+Sub-steps, solver and contact limits were chosen with `benchmarks/physics_settings.py`. `benchmarks/magical_fidelity.py`
+measures their effect on recorded human actions.
 """
 
 import math
@@ -28,9 +28,9 @@ BLOCK_REACH = ARENA_HALF - BLOCK_SIZE
 CONTROL_DT = 0.125
 """Seconds per control step: MAGICAL runs at 8 Hz."""
 MAGICAL_SUBSTEPS = 10
-# Dry friction acts per axis; this makes its mean over all directions of motion MAGICAL's limit.
+# Dry friction acts per axis; with this factor its mean over all directions of motion is MAGICAL's limit.
 _FRICTION_PER_AXIS = math.pi / 4
-# A finger's inertia about its hinge, which is also where MAGICAL has its centre of mass.
+# Inertia of a finger about its hinge, which is also its centre of mass in MAGICAL.
 _FINGER_INERTIA = 0.005
 
 
@@ -38,7 +38,7 @@ _FINGER_INERTIA = 0.005
 class Physics:
     """Simulation settings (static: they shape the compiled program).
 
-    Forces are in arena units: MAGICAL limits the force of a joint's motor and of the dry friction under a block.
+    Forces are in arena units. As in MAGICAL, they limit the motors of joints and the dry friction under blocks.
     """
 
     substeps: int = 3
@@ -71,7 +71,7 @@ class Physics:
 
 
 FAITHFUL = Physics(substeps=6, iterations=4, ls_iterations=8, max_contact_points=10, block_damping=0.0)
-"""Nearer to MAGICAL, and slower; see `benchmarks/magical_fidelity.py`."""
+"""Settings closer to MAGICAL, and slower; see `benchmarks/magical_fidelity.py`."""
 
 
 def _slide_joints(name: str, reach: float, frictionloss: float = 0.0, damping: float = 0.0) -> str:
@@ -105,7 +105,7 @@ def _block_names(blocks: int) -> list[str]:
 
 
 def _block(name: str, physics: Physics) -> str:
-    # The damping ends the creep that one solver iteration leaves in the dry friction.
+    # Damping stops the creep that one solver iteration leaves in the dry friction.
     friction = physics.block_friction_force * _FRICTION_PER_AXIS
     inertia = 0.5 * BLOCK_MASS * BLOCK_SIZE**2
     return f"""
@@ -146,7 +146,7 @@ def scene_xml(physics: Physics, blocks: int) -> str:
     inertia = 0.5 * ROBOT_MASS * ROBOT_RADIUS**2
     total_inertia = inertia + 2 * (_FINGER_INERTIA + FINGER_MASS * (FINGER_HINGE[0] ** 2 + FINGER_HINGE[1] ** 2))
     finger_inertia = _FINGER_INERTIA + physics.finger_armature
-    # Velocity servos whose gain reaches the commanded speed within one sub-step, up to the motor's limit.
+    # With these gains, velocity servos reach the commanded speed within one sub-step, up to the motor's limit.
     drive, turn, grip = DRIVEN_MASS / timestep, total_inertia / timestep, finger_inertia / timestep
 
     def servo(joint: str, gain: float, limit: float) -> str:
@@ -189,5 +189,5 @@ def scene_xml(physics: Physics, blocks: int) -> str:
 
 
 def build_model(physics: Physics, blocks: int = 5) -> mujoco.MjModel:
-    """Compile the scene for MuJoCo; `mjx.put_model` takes it from there."""
+    """The compiled MuJoCo model of the scene, the input of `mjx.put_model`."""
     return mujoco.MjModel.from_xml_string(scene_xml(physics, blocks))

@@ -1,11 +1,11 @@
-"""Which object sits in which node slot: the Demo scene's fixed table, and the variants', whose blocks change."""
+"""Object tables: the fixed table of the Demo scene, and that of the variants, in which blocks change."""
 
 import jax
 import jax.numpy as jnp
 
 from graphrl_jax.graph import ObjectTable
 from tasks.match_regions.geometry import SHAPES
-from tasks.match_regions.layouts import COLOURS, NUM_TARGETS, Scene
+from tasks.match_regions.layouts import COLOURS, NUM_TARGETS, World
 
 CLASS_NAMES = (
     "goal_region", "robot", "green_star", "green_square", "blue_pentagon", "yellow_circle", "yellow_pentagon",
@@ -17,7 +17,7 @@ OBJECTS = ObjectTable(
     class_names=CLASS_NAMES,
     is_fixture=(True,) + (False,) * 7,
 )
-"""Of the Demo scene."""
+"""Object table of the Demo scene."""
 
 _REGIONS, _ROBOT, _BLOCKS = 0, len(COLOURS), len(COLOURS) + 1
 _CLASS_NAMES = (
@@ -29,7 +29,7 @@ _NAMES = ("goal_region", "robot", *(f"target_{i + 1}" for i in range(NUM_TARGETS
 
 
 def variant_objects(blocks: int) -> ObjectTable:
-    """The table for scenes of `blocks` block slots; its classes are those of the Demo scene."""
+    """The object table for scenes of `blocks` block slots; its class ids are those of the Demo scene."""
     demo = ("green_region", "robot", *CLASS_NAMES[2:])
     classes = [_CLASS_NAMES.index(name) for name in (*demo, *demo[2:])][: 2 + blocks]
     return ObjectTable(
@@ -41,7 +41,7 @@ def variant_objects(blocks: int) -> ObjectTable:
     )
 
 
-def class_ids(scene: Scene) -> jax.Array:
-    """What sits in each slot of `variant_objects` in an episode: (2 + M,) int32."""
-    blocks = _BLOCKS + len(SHAPES) * scene.colours + scene.shapes
-    return jnp.concatenate([jnp.stack([_REGIONS + scene.region_colour, jnp.int32(_ROBOT)]), blocks])
+def class_ids(world: World) -> jax.Array:
+    """Class of the object in each slot of `variant_objects` in an episode: (2 + M,) int32."""
+    blocks = _BLOCKS + len(SHAPES) * world.colours + world.shapes
+    return jnp.concatenate([jnp.stack([_REGIONS + world.region_colour, jnp.int32(_ROBOT)]), blocks])

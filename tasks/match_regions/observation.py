@@ -1,18 +1,18 @@
-"""What a policy sees: (59,) float32, lengths in arena units, "ahead" and "left" in the robot's frame.
+"""The observation: (59,) float32, lengths in arena units, "ahead" and "left" in the robot's frame.
 
     0:6     robot x, y, sin and cos of its angle, finger openings / (pi / 8)
     6:11    robot velocity ahead and left, turn rate, finger rates
     11:15   goal region: its centre ahead, left; half its width and height
-    15:26   the target to see to: position of its centre ahead, left; sine and cosine of its angle against the robot's;
+    15:26   the current target: position of its centre ahead, left; sine and cosine of its angle against the robot's;
             velocity ahead, left; whether its centre is inside the region; its distance from the robot's centre and the
-            direction towards it (ahead, left); its distance to the region at the start of the episode
+            direction towards it (ahead, left); its initial distance to the region's centre (`PhysicsState`)
     26:37   the other target, likewise
-    37:38   1 if the target to see to is the first, else 0
-    38:59   for each of the three distractors nearest to the robot, the first seven of these numbers
+    37:38   1 if the current target is the first, else 0
+    38:59   for each of the three distractors nearest to the robot, the first seven of these entries
 
-The target to see to is the nearer one of those outside the region, or the nearer one if both are inside or outside.
-What a policy learns about bringing one target so holds for the other as well. A block that is not there is 0
-throughout, but a target that is not there counts as inside.
+The current target is the one outside the region, or the nearer one if both are inside or outside. What a policy learns
+about bringing one target therefore holds for the other as well. All entries of an absent block are 0, but an absent
+target counts as inside.
 """
 
 import jax
@@ -31,20 +31,20 @@ _LAST = 10.0
 
 
 def observe(state: PhysicsState, targets_in_order: bool = True) -> jax.Array:
-    """The observation described in the module's docstring; not `targets_in_order`, the first target comes first."""
-    qpos, qvel, scene = state.qpos, state.qvel, state.scene
+    """The observation described in the module's docstring; without `targets_in_order` the first target comes first."""
+    qpos, qvel, world = state.qpos, state.qvel, state.world
     ahead = geometry.heading(qpos[2])
     frame = jnp.stack([ahead, jnp.stack([-ahead[1], ahead[0]])])  # world to (ahead, left)
     robot = jnp.concatenate([qpos[:2], jnp.sin(qpos[2:3]), jnp.cos(qpos[2:3]), qpos[3:5] / FINGER_OPEN])
     rates = jnp.concatenate([frame @ qvel[:2], qvel[2:3] / TURN_RATE, qvel[3:5]])
-    low, high = geometry.region_corners(scene.region)
-    region = jnp.concatenate([frame @ (geometry.region_centre(scene.region) - qpos[:2]), (high - low) / 2])
+    low, high = geometry.region_corners(world.region)
+    region = jnp.concatenate([frame @ (geometry.region_centre(world.region) - qpos[:2]), (high - low) / 2])
 
-    poses, there = blocks(qpos), scene.present[:, None]
-    position = (poses[:, :2] - qpos[:2]) @ frame.T
+    poses, there = blocks(qpos), world.present[:, None]
+    position = (poses[:, :2] - qpos[None, :2]) @ frame.T
     angle = (poses[:, 2] - qpos[2])[:, None]
     velocity = blocks(qvel)[:, :2] @ frame.T
-    within = (inside(qpos, scene) | ~scene.present)[:, None].astype(jnp.float32)
+    within = (inside(qpos, world) | ~world.present)[:, None].astype(jnp.float32)
     per_block = jnp.where(there, jnp.concatenate([position, jnp.sin(angle), jnp.cos(angle), velocity], axis=-1), 0.0)
     per_block = jnp.concatenate([per_block, within], axis=-1)
     distance = jnp.linalg.norm(per_block[:, :2], axis=-1)
@@ -54,9 +54,9 @@ def observe(state: PhysicsState, targets_in_order: bool = True) -> jax.Array:
     targets = jnp.concatenate([per_block[:NUM_TARGETS], near, towards, state.initial_distance[:, None]], axis=-1)
     order = jnp.arange(NUM_TARGETS)
     if targets_in_order:
-        absent = ~scene.present[:NUM_TARGETS]
+        absent = ~world.present[:NUM_TARGETS]
         order = jnp.argsort(distance[:NUM_TARGETS] + _LAST * (within[:NUM_TARGETS, 0] + absent))
     first = (order[:1] == 0).astype(jnp.float32)
     others = jnp.where(there, per_block, 0.0)[NUM_TARGETS:]
-    nearest = jnp.argsort(jnp.where(scene.present, distance, _LAST)[NUM_TARGETS:])[:_DISTRACTORS]
+    nearest = jnp.argsort(jnp.where(world.present, distance, _LAST)[NUM_TARGETS:])[:_DISTRACTORS]
     return jnp.concatenate([robot, rates, region, targets[order].ravel(), first, others[nearest].ravel()])

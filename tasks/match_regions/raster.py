@@ -1,7 +1,7 @@
-"""Match Regions seen from above, drawn in JAX: what a pixel encoder sees at every environment step.
+"""Images of Match Regions from above, drawn in JAX: the input of a pixel encoder at every environment step.
 
-Colours are MAGICAL's; outlines, the robot's eyes and the region's dashes are left out. Every object is given by the
-signed distance of a point to its edge, so that edges are smooth over a pixel and all pixels are drawn at once.
+Colours are MAGICAL's; outlines, the robot's eyes and the region's dashes are left out. Objects are drawn by the signed
+distance of pixels to their edges, so that edges are smooth over a pixel and all pixels are drawn at once.
 """
 
 import math
@@ -11,17 +11,17 @@ import jax.numpy as jnp
 import numpy as np
 
 from tasks.match_regions import geometry
-from tasks.match_regions.layouts import Scene, blocks
+from tasks.match_regions.layouts import World, blocks
 from tasks.match_regions.model import ARENA_HALF, BLOCK_SIZE, FINGER_HALF_THICKNESS, ROBOT_RADIUS
 
 _BLOCKS = np.array([[245, 129, 165], [195, 208, 130], [135, 185, 211], [254, 213, 123]], np.float32) / 255
 _REGIONS = np.array([[250, 191, 209], [224, 231, 191], [194, 219, 233], [254, 234, 188]], np.float32) / 255
 _ROBOT = np.array([162, 163, 175], np.float32) / 255
 _WALL = np.array([231, 231, 234], np.float32) / 255
-# Fill and outline of a finger, which is two pixels wide, in one.
+# One colour for fill and outline of a finger, which is two pixels wide.
 _FINGER = np.array([198, 199, 206], np.float32) / 255
 
-# Of each shape, how far its tips and the dents half-way between them lie from its centre; a circle has neither.
+# Number of tips, and distances of tips and of the dents between them from the centre; a circle has neither.
 _TIPS = {geometry.STAR: 5, geometry.SQUARE: 4, geometry.PENTAGON: 5}
 _RADII = {
     geometry.STAR: (geometry.STAR_OUTER, geometry.STAR_INNER),
@@ -31,8 +31,8 @@ _RADII = {
 
 
 def _edges() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Per shape: directions of its tips (4, 5, 2), and the line from a tip (on the first axis) to the dent beside it:
-    its normal (4, 2) and its distance from the centre (4,).
+    """Per shape: directions of its tips (4, 5, 2), and the line from a tip (on the first axis) to the next dent: its
+    normal (4, 2) and its distance from the centre (4,).
     """
     directions, normals, offsets = np.zeros((4, 5, 2)), np.zeros((4, 2)), np.zeros(4)
     for shape, tips in _TIPS.items():
@@ -50,12 +50,12 @@ def _edges() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 _DIRECTIONS, _NORMALS, _OFFSETS = _edges()
 
 
-def picture(qpos: jax.Array, scene: Scene, size: int) -> jax.Array:
-    """The scene from above.
+def image(qpos: jax.Array, world: World, size: int) -> jax.Array:
+    """Image of the scene from above.
 
     Args:
       qpos: (5 + 3M,) configuration, see `state.PhysicsState`.
-      scene: region and blocks.
+      world: region and blocks.
       size: pixels along an edge (static); the image spans [-1.02, 1.02]^2, y up.
 
     Returns:
@@ -68,24 +68,24 @@ def picture(qpos: jax.Array, scene: Scene, size: int) -> jax.Array:
 
     def paint(image: jax.Array, distance: jax.Array, colour: jax.Array | np.ndarray) -> jax.Array:
         covered = jnp.clip(0.5 - distance / pixel, 0.0, 1.0)
-        return image + covered[..., None] * (colour - image)
+        return image + covered[..., None] * (jnp.broadcast_to(colour, image.shape) - image)
 
     image = paint(image, ARENA_HALF - jnp.maximum(jnp.abs(x), jnp.abs(y)), _WALL)
-    low, high = geometry.region_corners(scene.region)
+    low, high = geometry.region_corners(world.region)
     region = jnp.maximum(jnp.maximum(low[0] - x, x - high[0]), jnp.maximum(low[1] - y, y - high[1]))
-    image = paint(image, region, jnp.asarray(_REGIONS)[scene.region_colour])
+    image = paint(image, region, jnp.asarray(_REGIONS)[world.region_colour])
     image = paint(image, _fingers(qpos[:3], qpos[3:5], x, y), _FINGER)
     image = paint(image, jnp.hypot(x - qpos[0], y - qpos[1]) - ROBOT_RADIUS, _ROBOT)
     poses = blocks(qpos)
     for block in range(poses.shape[0]):
-        distance = _block(poses[block], scene.shapes[block], x, y)
-        distance = jnp.where(scene.present[block], distance, jnp.inf)
-        image = paint(image, distance, jnp.asarray(_BLOCKS)[scene.colours[block]])
+        distance = _block(poses[block], world.shapes[block], x, y)
+        distance = jnp.where(world.present[block], distance, jnp.inf)
+        image = paint(image, distance, jnp.asarray(_BLOCKS)[world.colours[block]])
     return image
 
 
 def _block(pose: jax.Array, shape: jax.Array, x: jax.Array, y: jax.Array) -> jax.Array:
-    """Distance of points to a block's edge, negative inside: all tips are folded onto the nearest one."""
+    """Distance of points to a block's edge, negative inside; by symmetry only the nearest tip is considered."""
     turned = jnp.asarray(_DIRECTIONS)[shape] @ geometry.rotation(pose[2]).T
     x, y = x - pose[0], y - pose[1]
     square = x**2 + y**2
@@ -100,7 +100,7 @@ def _block(pose: jax.Array, shape: jax.Array, x: jax.Array, y: jax.Array) -> jax
 
 def _fingers(pose: jax.Array, fingers: jax.Array, x: jax.Array, y: jax.Array) -> jax.Array:
     """Distance of points to the edge of both fingers, negative inside."""
-    points = geometry.finger_points(fingers) @ geometry.rotation(pose[2]).T + pose[:2]
+    points = geometry.finger_points(fingers) @ geometry.rotation(pose[2]).T + pose[None, None, :2]
     found = jnp.inf
     for finger in points:
         for start, end in ((finger[0], finger[1]), (finger[1], finger[2])):

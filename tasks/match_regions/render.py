@@ -1,11 +1,11 @@
-"""Pictures of Match Regions from above, in plain numpy and PIL: the scene, its boxes, and the reward beside it."""
+"""Drawings of Match Regions from above, in NumPy and PIL: the scene, its boxes, and the reward beside it."""
 
 import numpy as np
 from PIL import Image, ImageDraw
 
-from graphrl_jax.drawing import INK, SCALE, Colour, RewardPanel, draw_boxes, draw_broken
+from graphrl_jax.viz.drawing import INK, SCALE, Colour, RewardPanel, draw_boxes, draw_broken
 from tasks.match_regions.geometry import DRAWN_LOWER, VIEW_HALF, outline
-from tasks.match_regions.layouts import Scene
+from tasks.match_regions.layouts import World
 from tasks.match_regions.model import (
     ARENA_HALF,
     CONTROL_DT,
@@ -19,7 +19,7 @@ from tasks.match_regions.model import (
 BACKGROUND: Colour = (248, 247, 243)
 BLOCK_COLOURS: tuple[Colour, ...] = ((205, 84, 80), (91, 168, 92), (66, 124, 196), (236, 190, 50))
 REGION_FILLS: tuple[Colour, ...] = ((246, 224, 222), (222, 240, 220), (218, 230, 244), (250, 240, 210))
-"""By colour, see `layouts.COLOURS`."""
+"""Fill by colour, see `layouts.COLOURS`."""
 ROBOT_COLOUR: Colour = (150, 150, 156)
 FINGER_COLOUR: Colour = (112, 112, 120)
 _ROBOT_SLOT = 1
@@ -27,7 +27,7 @@ _ROBOT_SLOT = 1
 
 def draw_scene(
     qpos: np.ndarray,
-    scene: Scene,
+    world: World,
     size: int,
     boxes: np.ndarray | None = None,
     mask: np.ndarray | None = None,
@@ -37,11 +37,11 @@ def draw_scene(
 
     Args:
       qpos: (5 + 3M,) configuration, see `state.PhysicsState`.
-      scene: region and blocks, on the host.
+      world: region and blocks, on the host.
       size: pixels along an edge; the image spans [-1.02, 1.02]^2, y up.
       boxes: (N, 4) cx, cy, w, h in [0, 1], origin top left.
-      mask: (N,) bool, which boxes are there; all, if left out.
-      active: (N,) bool. An active object's box is orange, another's grey; the robot's is blue and dotted.
+      mask: (N,) bool, boxes that are present; default: all.
+      active: (N,) bool. Boxes of active objects are orange, others grey; the robot's box is blue and dotted.
 
     Returns:
       (size, size, 3) uint8.
@@ -51,12 +51,12 @@ def draw_scene(
     unit = size * SCALE / (2 * VIEW_HALF)
     line = max(SCALE, size * SCALE // 256)
 
-    _draw_region(draw, scene, unit, line)
+    _draw_region(draw, world, unit, line)
     draw.polygon(_pixels(_rectangle(-ARENA_HALF, ARENA_HALF, -ARENA_HALF, ARENA_HALF), unit), outline=INK, width=line)
     _draw_robot(draw, qpos[:3], qpos[3:5], unit)
-    for block in np.flatnonzero(scene.present):
-        corners = _place(outline(scene.shapes[block]), qpos[5 + 3 * block : 8 + 3 * block])
-        draw.polygon(_pixels(corners, unit), fill=BLOCK_COLOURS[scene.colours[block]])
+    for block in np.flatnonzero(world.present):
+        corners = _place(outline(world.shapes[block]), qpos[5 + 3 * block : 8 + 3 * block])
+        draw.polygon(_pixels(corners, unit), fill=BLOCK_COLOURS[world.colours[block]])
     if boxes is not None:
         draw_boxes(draw, size * SCALE, line, boxes, mask, active, np.arange(len(boxes)) == _ROBOT_SLOT)
     return np.asarray(image.reduce(SCALE))
@@ -64,7 +64,7 @@ def draw_scene(
 
 def episode_frames(
     qpos: np.ndarray,
-    scenes: Scene,
+    scenes: World,
     boxes: np.ndarray,
     mask: np.ndarray,
     active: np.ndarray,
@@ -76,7 +76,7 @@ def episode_frames(
 
     Args:
       qpos: (T, 5 + 3M).
-      scenes: leaves (T, ...); an episode's frames share one.
+      scenes: leaves (T, ...); the frames of an episode share one scene.
       boxes: (T, N, 4), see `draw_scene`.
       mask: (T, N) bool.
       active: (T, N) bool.
@@ -88,9 +88,9 @@ def episode_frames(
       (T, size, 2 size, 3) uint8.
     """
     panel = RewardPanel(rewards, size, label, 1 / CONTROL_DT)
-    scene = Scene(*(np.asarray(leaf)[0] for leaf in scenes))
+    world = World(*(np.asarray(leaf)[0] for leaf in scenes))
     frames = [
-        np.concatenate([draw_scene(qpos[t], scene, size, boxes[t], mask[t], active[t]), panel.draw(t)], axis=1)
+        np.concatenate([draw_scene(qpos[t], world, size, boxes[t], mask[t], active[t]), panel.draw(t)], axis=1)
         for t in range(len(qpos))
     ]
     return np.stack(frames)
@@ -123,7 +123,7 @@ def _place(points: np.ndarray, pose: np.ndarray) -> np.ndarray:
 
 
 def _pixels(points: np.ndarray, unit: float) -> list[tuple[float, float]]:
-    """Arena points (V, 2) in pixels, `unit` of them per arena unit."""
+    """Arena points (V, 2) in pixels, with `unit` pixels per arena unit."""
     return [((x + VIEW_HALF) * unit, (VIEW_HALF - y) * unit) for x, y in points.tolist()]
 
 
@@ -132,10 +132,10 @@ def _rectangle(west: float, east: float, south: float, north: float) -> np.ndarr
     return np.array([[west, south], [east, south], [east, north], [west, north]])
 
 
-def _draw_region(draw: ImageDraw.ImageDraw, scene: Scene, unit: float, line: int) -> None:
-    corners = _pixels(_rectangle(*scene.region), unit)
-    draw.polygon(corners, fill=REGION_FILLS[scene.region_colour])
-    draw_broken(draw, corners, BLOCK_COLOURS[scene.region_colour], line, dash=0.04 * unit, gap=0.03 * unit)
+def _draw_region(draw: ImageDraw.ImageDraw, world: World, unit: float, line: int) -> None:
+    corners = _pixels(_rectangle(*world.region), unit)
+    draw.polygon(corners, fill=REGION_FILLS[world.region_colour])
+    draw_broken(draw, corners, BLOCK_COLOURS[world.region_colour], line, dash=0.04 * unit, gap=0.03 * unit)
 
 
 def _draw_robot(draw: ImageDraw.ImageDraw, pose: np.ndarray, fingers: np.ndarray, unit: float) -> None:

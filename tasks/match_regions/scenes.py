@@ -1,32 +1,31 @@
-"""Scenes of Match Regions on which a learned reward is audited: the Demo scene's blocks anywhere, around regions that
-the task draws. Also where a variant changes blocks, so that audits of all variants are of one kind.
+"""Audit scenes of Match Regions: the Demo scene's blocks anywhere, with regions that the task draws.
+
+Variants that change blocks use the same blocks here, so that audits of all variants are comparable.
 """
 
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from graphrl_jax.landscape import Grid, Landscape, Scenes
+from graphrl_jax.reward.landscape import Grid, Landscape, Scenes
 from tasks.match_regions import geometry, layouts
-from tasks.match_regions.layouts import NUM_TARGETS, Scene, Start, blocks
+from tasks.match_regions.env import MatchRegionsEnv
+from tasks.match_regions.layouts import NUM_TARGETS, Start, World, blocks
 from tasks.match_regions.state import at_rest
-
-if TYPE_CHECKING:
-    from tasks.match_regions.env import MatchRegions
 
 RESOLUTION = 25
 NUM_RANDOM, NUM_PAIRS = 512, 256
-# Of a target from the region's edge, just outside and some way inside.
+# Depth of a target inside the region's edge: just outside and some way inside.
 _BESIDE, _WITHIN = -0.03, 0.1
-# Where targets lie in a region, as shares of its sides.
+# Positions of placed targets, as shares of the region's sides.
 _PLACED = np.array([[0.75, 0.29], [0.25, 0.79]], np.float32)
 
 
-def landscape(task: "MatchRegions", key: jax.Array) -> Landscape:
-    """Grids of either target (the other at its start or placed), random layouts, finished against unfinished ones."""
+def landscape(task: MatchRegionsEnv, key: jax.Array) -> Landscape:
+    """Grids of either target (the other at its start or placed), random layouts, and pairs of layouts."""
     demo_key, random_key, pair_key, edge_key = jax.random.split(key, 4)
     demo = _sample(task, demo_key)
     random = jax.vmap(partial(_scattered, task))(jax.random.split(random_key, NUM_RANDOM))
@@ -35,7 +34,7 @@ def landscape(task: "MatchRegions", key: jax.Array) -> Landscape:
     moved_at_edge = _moved(task) | _slots(task, np.asarray(within.moved))
     return Landscape(
         objects=task.objects,
-        mask=np.asarray(task.scene_boxes(demo.qpos, demo.scene)[1]),
+        mask=np.asarray(task.scene_boxes(demo.qpos, demo.world)[1]),
         grids=tuple(_grid(task, demo, target, placed) for target in range(NUM_TARGETS) for placed in (False, True)),
         random=_seen(task, random, _moved(task)),
         random_distance=np.asarray(jax.vmap(_distance)(random)),
@@ -46,66 +45,66 @@ def landscape(task: "MatchRegions", key: jax.Array) -> Landscape:
     )
 
 
-def _sample(task: "MatchRegions", key: jax.Array) -> Start:
+def _sample(task: MatchRegionsEnv, key: jax.Array) -> Start:
     """A start of the task, with the Demo scene's blocks."""
     start = task.layout.sample(key)
     if task.layout.fixed:
         return start
-    scene = layouts.demo_scene(task.layout.blocks)._replace(region=start.scene.region)
-    # Blocks that a variant left out have no place yet.
+    world = layouts.demo_scene(task.layout.blocks)._replace(region=start.world.region)
+    # Blocks that the variant left out get their Demo places.
     known = blocks(start.qpos)[:5]
     missing = jnp.any(jnp.abs(known[:, :2]) > 1.0, axis=-1, keepdims=True)
     poses = blocks(start.qpos).at[:5].set(jnp.where(missing, layouts.BLOCK_STARTS, known))
-    return layouts.begin(jnp.concatenate([start.qpos[None, :3], poses]), jax.tree.map(jnp.asarray, scene))
+    return layouts.begin(jnp.concatenate([start.qpos[None, :3], poses]), jax.tree.map(jnp.asarray, world))
 
 
-def _moved(task: "MatchRegions") -> np.ndarray:
-    """Robot and both targets, as in every demonstration once a target is placed: (N,) bool."""
+def _moved(task: MatchRegionsEnv) -> np.ndarray:
+    """Activity of robot and both targets, as at the end of a successful demonstration: (N,) bool."""
     return np.isin(np.arange(task.objects.num_slots), [1, 2, 3])
 
 
-def _slots(task: "MatchRegions", flags: np.ndarray) -> np.ndarray:
-    """Flags (K, M) of blocks by node slot: (K, N)."""
+def _slots(task: MatchRegionsEnv, flags: np.ndarray) -> np.ndarray:
+    """Flags (K, M) of blocks as flags of node slots: (K, N)."""
     return np.pad(flags, ((0, 0), (2, task.objects.num_slots - 2 - flags.shape[1])))
 
 
-def _seen(task: "MatchRegions", starts: Start, active: np.ndarray) -> Scenes:
+def _seen(task: MatchRegionsEnv, starts: Start, active: np.ndarray) -> Scenes:
     """Starts (K, ...) as scenes of an audit."""
     look = jax.jit(jax.vmap(task.scene_boxes))
-    states = jax.vmap(at_rest)(starts.qpos, starts.scene)
-    return Scenes(np.asarray(look(starts.qpos, starts.scene)[0]), active, states)
+    states = jax.vmap(at_rest)(starts.qpos, starts.world)
+    return Scenes(np.asarray(look(starts.qpos, starts.world)[0]), active, states)
 
 
 def _move(qpos: jax.Array, block: int | jax.Array, place: jax.Array) -> jax.Array:
     return jax.lax.dynamic_update_slice(qpos, place, (5 + 3 * block,))
 
 
-def _within(scene: Scene, share: jax.Array | np.ndarray) -> jax.Array:
-    """The place in the region at a share (..., 2) of its sides."""
-    low, high = geometry.region_corners(scene.region)
+def _within(world: World, share: jax.Array | np.ndarray) -> jax.Array:
+    """The position in the region at a share (..., 2) of its sides."""
+    low, high = (jnp.broadcast_to(corner, share.shape) for corner in geometry.region_corners(world.region))
     return low + share * (high - low)
 
 
-def _scattered(task: "MatchRegions", key: jax.Array) -> Start:
-    """Robot and blocks of one of the task's scenes anywhere."""
+def _scattered(task: MatchRegionsEnv, key: jax.Array) -> Start:
+    """One of the task's scenes, with robot and blocks at random poses."""
     scene_key, place_key = jax.random.split(key)
-    scene = _sample(task, scene_key).scene
-    return layouts.begin(layouts.scatter(place_key, scene.present), scene)
+    world = _sample(task, scene_key).world
+    return layouts.begin(layouts.scatter(place_key, world.present), world)
 
 
 def _distance(start: Start) -> jax.Array:
     """Summed distance of the targets outside the region to its centre: ()."""
-    targets, region = blocks(start.qpos)[:NUM_TARGETS, :2], start.scene.region
-    way = jnp.linalg.norm(targets - geometry.region_centre(region), axis=-1)
+    targets, region = blocks(start.qpos)[:NUM_TARGETS, :2], start.world.region
+    way = jnp.linalg.norm(targets - geometry.region_centre(region)[None], axis=-1)
     return jnp.sum(way * ~geometry.inside_region(region, targets))
 
 
-def _grid(task: "MatchRegions", demo: Start, target: int, other_placed: bool) -> Grid:
-    """The start `demo` with `target` moved over the arena and the other at its start or placed."""
-    other, region = 1 - target, demo.scene.region
+def _grid(task: MatchRegionsEnv, demo: Start, target: int, other_placed: bool) -> Grid:
+    """The start `demo` with `target` moved over the arena and the other target at its start or placed."""
+    other, region = 1 - target, demo.world.region
     qpos = demo.qpos
     if other_placed:
-        qpos = _move(qpos, other, _within(demo.scene, _PLACED[other]))
+        qpos = _move(qpos, other, _within(demo.world, _PLACED[other]))
     axis = np.linspace(-0.88, 0.88, RESOLUTION, dtype=np.float32)
     places = np.stack(np.meshgrid(axis, axis), -1)
     moved = jax.vmap(partial(_move, qpos, target))(jnp.asarray(places.reshape(-1, 2)))
@@ -131,36 +130,36 @@ def _grid(task: "MatchRegions", demo: Start, target: int, other_placed: bool) ->
     )
 
 
-def _pair(task: "MatchRegions", key: jax.Array) -> tuple[Start, Start]:
-    """A random layout with both targets inside, and the same with one of them (either) where the task has it."""
+def _pair(task: MatchRegionsEnv, key: jax.Array) -> tuple[Start, Start]:
+    """A random layout with both targets inside, and the same with one of them (either) outside."""
     scene_key, start_key, finished_key, order_key = jax.random.split(key, 4)
     start = _scattered(task, scene_key)
-    places = _within(start.scene, jax.random.uniform(finished_key, (NUM_TARGETS, 2)))
+    places = _within(start.world, jax.random.uniform(finished_key, (NUM_TARGETS, 2)))
     finished = _move(_move(start.qpos, 0, places[0]), 1, places[1])
     back = blocks(start.qpos)[:NUM_TARGETS, :2]
-    # A random place that happens to lie inside would not be unfinished.
+    # A random place inside the region would not be unfinished.
     homes = _sample(task, start_key).homes
-    homes = jnp.where(geometry.inside_region(start.scene.region, homes)[:, None], _beside(start.scene), homes)
-    back = jnp.where(geometry.inside_region(start.scene.region, back)[:, None], homes, back)
+    homes = jnp.where(geometry.inside_region(start.world.region, homes)[:, None], _beside(start.world), homes)
+    back = jnp.where(geometry.inside_region(start.world.region, back)[:, None], homes, back)
     star = jax.random.bernoulli(order_key)
     unfinished = jnp.where(star, _move(finished, 0, back[0]), _move(finished, 1, back[1]))
     return start._replace(qpos=finished), start._replace(qpos=unfinished)
 
 
-def _beside(scene: Scene) -> jax.Array:
+def _beside(world: World) -> jax.Array:
     """The corner of the arena furthest from the region: (2,)."""
-    return -0.8 * jnp.where(geometry.region_centre(scene.region) > 0, 1.0, -1.0)
+    return -0.8 * jnp.where(geometry.region_centre(world.region) > 0, 1.0, -1.0)
 
 
-def _edge_pair(task: "MatchRegions", key: jax.Array) -> tuple[Start, Start]:
-    """The robot holds a target within the region or beside it, from outside; the other one is placed.
+def _edge_pair(task: MatchRegionsEnv, key: jax.Array) -> tuple[Start, Start]:
+    """The robot, outside the region, holds a target inside the edge or beside it; the other target is placed.
 
-    Distractors lie anywhere and count as moved or not.
+    Distractors are anywhere and count as moved at random.
     """
     scene_key, target_key, place_key, side_key, along_key, active_key = jax.random.split(key, 6)
     start = _scattered(task, scene_key)
     target = jax.random.randint(target_key, (), 0, NUM_TARGETS)
-    low, high = geometry.region_corners(start.scene.region)
+    low, high = geometry.region_corners(start.world.region)
     low, high = low + _WITHIN, high - _WITHIN
     placed = jax.random.uniform(place_key, (2,), minval=low, maxval=high)
     along = jax.random.uniform(along_key, (2,), minval=low, maxval=high)
@@ -175,6 +174,6 @@ def _edge_pair(task: "MatchRegions", key: jax.Array) -> tuple[Start, Start]:
         robot = jnp.append(place + layouts.HELD_REACH * outwards, jnp.arctan2(outwards[0], -outwards[1]))
         return layouts.pack(robot, start.qpos[3:5], poses)
 
-    others = start.scene.present & (jnp.arange(start.moved.shape[0]) >= NUM_TARGETS)
+    others = start.world.present & (jnp.arange(start.moved.shape[0]) >= NUM_TARGETS)
     start = start._replace(moved=jax.random.bernoulli(active_key, shape=others.shape) & others)
     return start._replace(qpos=held(_WITHIN)), start._replace(qpos=held(_BESIDE))

@@ -1,4 +1,4 @@
-"""The state of an episode of Match Regions, and what can be read off it."""
+"""The physics state of Match Regions, and quantities computed from it."""
 
 from typing import NamedTuple
 
@@ -6,60 +6,60 @@ import jax
 import jax.numpy as jnp
 
 from tasks.match_regions import geometry
-from tasks.match_regions.layouts import NUM_TARGETS, Scene, blocks
+from tasks.match_regions.layouts import NUM_TARGETS, World, blocks
 
 GRASP_REACH = 0.32
 
 
 class PhysicsState(NamedTuple):
-    """What is carried from step to step; the rest of `mjx.Data` is rebuilt from a template. V = 5 + 3M.
+    """State kept between steps; the rest of `mjx.Data` is rebuilt from a template. V = 5 + 3M.
 
     | field            | shape | dtype   | meaning                                                               |
     |------------------|-------|---------|-----------------------------------------------------------------------|
     | qpos             | (V,)  | float32 | robot x, y, theta; fingers (2,); then x, y, theta per block           |
     | qvel             | (V,)  | float32 | their rates                                                           |
     | warmstart        | (V,)  | float32 | accelerations the solver starts from                                  |
-    | initial_distance | (2,)  | float32 | of each target to the region's centre when the episode began; where a |
-    |                  |       |         | target that began inside had come from                                |
-    | scene            |       |         | `layouts.Scene`, the same throughout                                  |
+    | initial_distance | (2,)  | float32 | distance of each target's home (`layouts.Start`) from the region's    |
+    |                  |       |         | centre; 0 for an absent target                                        |
+    | world            |       |         | `layouts.World`, the same throughout                                  |
     """
 
     qpos: jax.Array
     qvel: jax.Array
     warmstart: jax.Array
     initial_distance: jax.Array
-    scene: Scene
+    world: World
 
 
-def at_rest(qpos: jax.Array, scene: Scene) -> PhysicsState:
-    """A still scene at `qpos`, whose targets have no way behind them."""
-    return PhysicsState(qpos, jnp.zeros_like(qpos), jnp.zeros_like(qpos), jnp.zeros(NUM_TARGETS), scene)
+def at_rest(qpos: jax.Array, world: World) -> PhysicsState:
+    """The state at rest at `qpos`, with initial distances 0."""
+    return PhysicsState(qpos, jnp.zeros_like(qpos), jnp.zeros_like(qpos), jnp.zeros(NUM_TARGETS), world)
 
 
-def inside(qpos: jax.Array, scene: Scene) -> jax.Array:
-    """Whether each block is there with its centre inside the region: (M,) bool."""
-    return geometry.inside_region(scene.region, blocks(qpos)[:, :2]) & scene.present
+def inside(qpos: jax.Array, world: World) -> jax.Array:
+    """Whether each block is present and has its centre inside the region: (M,) bool."""
+    return geometry.inside_region(world.region, blocks(qpos)[:, :2]) & world.present
 
 
-def placed_targets(qpos: jax.Array, scene: Scene) -> jax.Array:
-    """Which targets need no more bringing, because they are inside or not there: (2,) bool."""
-    return (inside(qpos, scene) | ~scene.present)[:NUM_TARGETS]
+def placed_targets(qpos: jax.Array, world: World) -> jax.Array:
+    """Whether each target is inside the region or absent: (2,) bool."""
+    return (inside(qpos, world) | ~world.present)[:NUM_TARGETS]
 
 
-def boxes(qpos: jax.Array, scene: Scene) -> tuple[jax.Array, jax.Array]:
+def boxes(qpos: jax.Array, world: World) -> tuple[jax.Array, jax.Array]:
     """Image-plane boxes (2 + M, 4) and mask (2 + M,) of region, robot and blocks."""
-    region, robot = geometry.region_box(scene.region), geometry.robot_box(qpos[:3], qpos[3:5])
-    rows = [region[None], robot[None], geometry.block_boxes(blocks(qpos), scene.shapes)]
-    return jnp.concatenate(rows), jnp.concatenate([jnp.ones(2, bool), scene.present])
+    region, robot = geometry.region_box(world.region), geometry.robot_box(qpos[:3], qpos[3:5])
+    rows = [region[None], robot[None], geometry.block_boxes(blocks(qpos), world.shapes)]
+    return jnp.concatenate(rows), jnp.concatenate([jnp.ones(2, bool), world.present])
 
 
-def score(qpos: jax.Array, scene: Scene) -> jax.Array:
-    """MAGICAL's score of a final state: share of targets inside times share of targets among all inside; ()."""
-    found = inside(qpos, scene).astype(jnp.float32)
+def score(qpos: jax.Array, world: World) -> jax.Array:
+    """MAGICAL's score of a final state: share of targets inside times share of targets among blocks inside; ()."""
+    found = inside(qpos, world).astype(jnp.float32)
     targets, total = found[:NUM_TARGETS].sum(), found.sum()
-    return (targets / scene.present[:NUM_TARGETS].sum()) * (targets / jnp.maximum(total, 1.0))
+    return (targets / world.present[:NUM_TARGETS].sum()) * (targets / jnp.maximum(total, 1.0))
 
 
 def grasp_point(qpos: jax.Array) -> jax.Array:
-    """Where a held block's centre sits, between the fingers, in the arena: (2,)."""
+    """Position of a held block's centre, between the fingers, in the arena: (2,)."""
     return qpos[:2] + GRASP_REACH * geometry.heading(qpos[2])

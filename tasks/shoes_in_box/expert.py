@@ -1,9 +1,9 @@
 """The scripted expert: opens the lid along its arc, then fetches one shoe after the other, all episodes side by side.
 
-It runs through phases of three jobs: the lid, the first shoe, the second. A phase names a pose for the gripper, how far
-its fingers open, and when it is over. Failures differ from successes by what goes wrong in a job: in the lid's, or in
-that of the first shoe, the second or both. Afterwards they go on as if nothing had happened, or persist: do the same
-job again, and wrong again. They last as long as successes do, so that length tells nothing.
+It does three jobs in phases: the lid, the first shoe, the second shoe. A phase defines a pose of the gripper, the
+opening of its fingers, and when it is over. In a failure a job goes wrong: that of the lid, or of the first shoe, the
+second or both. The failure then continues as if nothing had happened, or persists and does the same job wrong again.
+Failures last as long as successes, so that length alone tells nothing.
 """
 
 import math
@@ -14,12 +14,14 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from graphrl_jax.compilation import jit_physics
 from graphrl_jax.demonstrations import Demonstrations, reached_for_good
+from graphrl_jax.runtime import jit_physics
 from tasks.collect import collect
-from tasks.shoes_in_box import env as environment
 from tasks.shoes_in_box import geometry, kinematics, render
-from tasks.shoes_in_box.model import FINGER_OPEN, LID_OPEN, WALL_HEIGHT
+from tasks.shoes_in_box.env import CLOSED, SPEED, TURN_RATE, ShoesInBoxEnv
+from tasks.shoes_in_box.model import CONTROL_DT, FINGER_OPEN, LID_OPEN, WALL_HEIGHT
+from tasks.shoes_in_box.state import PhysicsState, shoes, success
+from tasks.shoes_in_box.state import events as events_of
 
 LID_PHASES = ("above_bar", "at_bar", "grip", "arc", "let_go", "off")
 SHOE_PHASES = ("above_shoe", "at_shoe", "grip", "lift", "over_box", "lower", "let_go", "off")
@@ -30,38 +32,38 @@ SAFE_HEIGHT = 0.19
 GRASP_HEIGHT = 0.04
 RELEASE_HEIGHT = WALL_HEIGHT - 0.02
 SLOT = 0.07
-"""Of the shoes' centres from the box's middle, along the hinge."""
+"""Distance of the shoes' centres from the box's middle, along the hinge."""
 ARC_LEAD = 0.12
 BAR_OPENING = 0.02
 MISSED_BY = 0.05
-"""Metres above the bar or a shoe at which the fingers of a failure close."""
-# Share of full speed along the lid's arc, and radians per step of a lid that is missed.
+"""Height above the bar or a shoe at which the fingers close in a failure, metres."""
+# Share of full speed along the lid's arc, and radians per step of the arc if the lid is missed.
 _ARC_SPEED, _SWING = 0.6, 0.045
 _MIDDLE_YAW = jnp.pi / 4
 TAIL_FRAMES = (10, 40)
-"""How many frames, drawn evenly, an episode goes on after the last motion."""
+"""Range of the number of frames after the last motion, drawn uniformly."""
 BATCH, MAX_BATCHES = 64, 8
 FAILURES = ("lid_missed", "lid_falls_shut", "shoe_missed", "shoe_dropped", "shoe_beside", "one_shoe")
 """Kinds of deliberate failure: the fingers close above the bar; the lid is let go before it stands up; the fingers
-close above a shoe; a shoe is dropped on its way; it is put down beside the box; one shoe is left alone, the gripper
-going through the air high above it."""
+close above a shoe; a shoe is dropped on its way; it is put down beside the box; one shoe is left alone, and the gripper
+moves through the air high above it."""
 _KIND = {kind: 1 + index for index, kind in enumerate(FAILURES)}
 
 
 class Plan(NamedTuple):
-    """How one episode is carried out.
+    """The plan of one episode.
 
     | field    | shape  | meaning                                                          |
     |----------|--------|------------------------------------------------------------------|
     | kind     | ()     | int32, 0 for a success, k for `FAILURES[k - 1]`                  |
     | wrong    | (3,)   | bool, whether the job of the lid, first and second shoe fails    |
-    | persists | ()     | bool, whether a job that failed is done again and again          |
+    | persists | ()     | bool, whether a failed job is repeated until the episode ends    |
     | first    | ()     | int32, the shoe that is fetched first                            |
     | slots    | (2,)   | where each shoe goes: metres along the hinge from the middle     |
     | speed    | ()     | share of full speed                                              |
-    | height   | ()     | metres above the usual, between places                           |
+    | height   | ()     | additional height between places, metres                         |
     | dwell    | (P,)   | int32, idle steps after each phase                               |
-    | slip     | (2,)   | shares that say where the lid is let go and a shoe dropped       |
+    | slip     | (2,)   | shares that set where the lid is let go and a shoe is dropped    |
     """
 
     kind: jax.Array
@@ -75,8 +77,8 @@ class Plan(NamedTuple):
     slip: jax.Array
 
 
-class Progress(NamedTuple):
-    """Phase (0 to P, P when done), steps spent in it and steps spent dwelling after it; all () int32."""
+class PlanState(NamedTuple):
+    """Phase (0 to P, P when done), steps spent in it, and steps spent dwelling after it; all () int32."""
 
     phase: jax.Array
     timer: jax.Array
@@ -87,7 +89,7 @@ def draw_plan(key: jax.Array, kind: jax.Array) -> Plan:
     """A random plan of one kind."""
     order_key, cross_key, speed_key, height_key, dwell_key, slip_key, wrong_key, persist_key = jax.random.split(key, 8)
     side = jnp.array([SLOT, -SLOT])
-    # Of two shoes one may be left alone, the first or the second; everything else may go wrong with both.
+    # `one_shoe` leaves the first or the second shoe alone; all other failures may affect both shoes.
     leaves_one = kind == _KIND["one_shoe"]
     which = jax.random.randint(wrong_key, (), 0, jnp.where(leaves_one, 2, 3))
     lid = (kind == _KIND["lid_missed"]) | (kind == _KIND["lid_falls_shut"])
@@ -105,62 +107,64 @@ def draw_plan(key: jax.Array, kind: jax.Array) -> Plan:
     )
 
 
-def begin() -> Progress:
-    """Progress at the start of an episode."""
+def begin() -> PlanState:
+    """The plan state at the start of an episode."""
     zero = jnp.zeros((), jnp.int32)
-    return Progress(zero, zero, zero)
+    return PlanState(zero, zero, zero)
 
 
-def act(plan: Plan, progress: Progress, state: environment.PhysicsState) -> tuple[Progress, jax.Array]:
-    """One decision of the expert: the next progress and an action (5,)."""
-    phase = jnp.minimum(progress.phase, NUM_PHASES - 1)
-    poses, openings, over = _phases(plan, progress, state)
+def act(plan: Plan, plan_state: PlanState, state: PhysicsState) -> tuple[PlanState, jax.Array]:
+    """One decision of the expert: the next plan state and an action (5,)."""
+    phase = jnp.minimum(plan_state.phase, NUM_PHASES - 1)
+    poses, openings, over = _phases(plan, plan_state, state)
     pose, opening = poses[phase], openings[phase]
-    waiting = (progress.dwelt > 0) | (progress.phase >= NUM_PHASES)
+    waiting = (plan_state.dwelt > 0) | (plan_state.phase >= NUM_PHASES)
     offset = pose - state.target
     reach = jnp.linalg.norm(offset[:3])
-    pace = environment.CONTROL_DT * environment.SPEED
+    pace = CONTROL_DT * SPEED
     speed = plan.speed * jnp.where(phase == LID_PHASES.index("arc"), _ARC_SPEED, 1.0)
     linear = offset[:3] * jnp.minimum(1 / pace, speed / jnp.maximum(reach, 1e-6))
-    turn = offset[3] / (environment.CONTROL_DT * environment.TURN_RATE)
-    grip = 2 * (opening - environment.CLOSED) / (FINGER_OPEN - environment.CLOSED) - 1
+    turn = offset[3] / (CONTROL_DT * TURN_RATE)
+    grip = 2 * (opening - CLOSED) / (FINGER_OPEN - CLOSED) - 1
     motion = jnp.where(waiting, 0.0, jnp.append(linear, jnp.clip(turn, -plan.speed, plan.speed)))
     action = jnp.clip(jnp.append(motion, grip), -1.0, 1.0)
 
-    finished = over[phase] & (progress.phase < NUM_PHASES)
-    dwelt = jnp.where(finished | (progress.dwelt > 0), progress.dwelt + 1, 0)
+    finished = over[phase] & (plan_state.phase < NUM_PHASES)
+    dwelt = jnp.where(finished | (plan_state.dwelt > 0), plan_state.dwelt + 1, 0)
     advance = dwelt > plan.dwell[phase]
-    timer = jnp.where(advance, 0, progress.timer + 1)
+    timer = jnp.where(advance, 0, plan_state.timer + 1)
     job = jnp.searchsorted(_JOB_STARTS, phase, side="right") - 1
     again = plan.persists & plan.wrong[job] & (phase + 1 == _JOB_ENDS[job])
-    following = jnp.where(again, _JOB_STARTS[job], progress.phase + 1)
-    return Progress(jnp.where(advance, following, progress.phase), timer, jnp.where(advance, 0, dwelt)), action
+    following = jnp.where(again, _JOB_STARTS[job], plan_state.phase + 1)
+    return PlanState(jnp.where(advance, following, plan_state.phase), timer, jnp.where(advance, 0, dwelt)), action
 
 
-def _phases(plan: Plan, progress: Progress, state: environment.PhysicsState) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Pose (P, 4), opening of the fingers (P,) and whether it is over (P,) of every phase, as things stand."""
-    jobs = [_lid_phases(plan, progress, state)] + [_shoe_phases(plan, progress, state, last) for last in (False, True)]
+def _phases(plan: Plan, plan_state: PlanState, state: PhysicsState) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Pose (P, 4), opening of the fingers (P,) and end condition (P,) of every phase in the current state."""
+    jobs = [_lid_phases(plan, plan_state, state)] + [
+        _shoe_phases(plan, plan_state, state, last) for last in (False, True)
+    ]
     poses, openings, over = (jnp.concatenate(parts) for parts in zip(*jobs, strict=True))
     return poses, openings, over
 
 
 def _turned(yaw: jax.Array) -> jax.Array:
-    """The same grip, half a turn about if that keeps the wrist nearer to the middle of its range."""
+    """The yaw of the same grip, turned by half turns to keep the wrist near the middle of its range."""
     return yaw - jnp.pi * jnp.round((yaw - _MIDDLE_YAW) / jnp.pi)
 
 
-def _reached(state: environment.PhysicsState, pose: jax.Array, timer: jax.Array) -> jax.Array:
-    """Whether the arm has been sent to a pose and is near it, or has tried for long."""
+def _reached(state: PhysicsState, pose: jax.Array, timer: jax.Array) -> jax.Array:
+    """Whether the target is at a pose and the arm is near it, or the phase has taken more than 80 steps."""
     offset = pose - state.target
     sent = (jnp.linalg.norm(offset[:3]) < 2e-3) & (jnp.abs(offset[3]) < 0.02)
     near = jnp.linalg.norm(kinematics.pose(state.qpos[:7])[:3] - pose[:3]) < 0.015
     return (sent & near) | (timer > 80)
 
 
-def _lid_phases(plan: Plan, progress: Progress, state: environment.PhysicsState) -> tuple[jax.Array, ...]:
-    box, angle, timer = state.box, state.qpos[9], progress.timer
+def _lid_phases(plan: Plan, plan_state: PlanState, state: PhysicsState) -> tuple[jax.Array, ...]:
+    box, angle, timer = state.box, state.qpos[9], plan_state.timer
     missed = plan.kind == _KIND["lid_missed"]
-    # Missed, the arc is made through the air above the bar, by time.
+    # If the bar is missed, the arc goes through the air above it and follows the timer.
     swung = jnp.where(missed, jnp.minimum(timer * _SWING, LID_OPEN), angle)
     above = jnp.zeros(3).at[2].set(jnp.where(missed, MISSED_BY, 0.0))
     bar = geometry.bar(box, angle) + above
@@ -175,7 +179,7 @@ def _lid_phases(plan: Plan, progress: Progress, state: environment.PhysicsState)
         ]
     )
     poses = jnp.concatenate([places, jnp.full((len(places), 1), _turned(box[2] + jnp.pi / 2))], axis=1)
-    astride, closed = BAR_OPENING + 0.01, environment.CLOSED
+    astride, closed = BAR_OPENING + 0.01, CLOSED
     openings = jnp.array([astride, astride, closed, closed, BAR_OPENING, BAR_OPENING])
     let_go_at = jnp.where(plan.kind == _KIND["lid_falls_shut"], 0.5 + 0.7 * plan.slip[0], LID_OPEN - 0.06)
     over = jnp.stack(
@@ -191,10 +195,10 @@ def _lid_phases(plan: Plan, progress: Progress, state: environment.PhysicsState)
     return poses, openings, over
 
 
-def _shoe_phases(plan: Plan, progress: Progress, state: environment.PhysicsState, last: bool) -> tuple[jax.Array, ...]:
+def _shoe_phases(plan: Plan, plan_state: PlanState, state: PhysicsState, last: bool) -> tuple[jax.Array, ...]:
     number = 1 - plan.first if last else plan.first
-    timer, box = progress.timer, state.box
-    shoe = environment.shoes(state.qpos)[number]
+    timer, box = plan_state.timer, state.box
+    shoe = shoes(state.qpos)[number]
 
     def fails(kind: str) -> jax.Array:
         return plan.wrong[2 if last else 1] & (plan.kind == _KIND[kind])
@@ -222,63 +226,62 @@ def _shoe_phases(plan: Plan, progress: Progress, state: environment.PhysicsState
         ]
     )
     near = jnp.linalg.norm(state.target[:2] - goal[:2]) < 0.14 + 0.1 * plan.slip[1]
-    carried = jnp.where(fails("shoe_dropped") & near, FINGER_OPEN, environment.CLOSED)
-    open_, closed = FINGER_OPEN, environment.CLOSED
+    carried = jnp.where(fails("shoe_dropped") & near, FINGER_OPEN, CLOSED)
+    open_, closed = FINGER_OPEN, CLOSED
     openings = jnp.array([open_, open_, closed, closed, 0.0, 0.0, open_, open_]).at[4:6].set(carried)
     reached = jax.vmap(_reached, in_axes=(None, 0, None))(state, poses, timer)
     return poses, openings, reached.at[2].set(timer >= 6).at[6].set(timer >= 5)
 
 
 @partial(jit_physics, static_argnums=0)
-def rollouts(
-    task: environment.ShoesInBox, key: jax.Array, kinds: jax.Array
-) -> tuple[environment.PhysicsState, jax.Array]:
+def rollouts(task: ShoesInBoxEnv, key: jax.Array, kinds: jax.Array) -> tuple[PhysicsState, jax.Array]:
     """Runs one episode of each kind in `kinds` (B,) side by side.
 
     Returns:
-      the physics state of every frame, leaves (B, T + 1, ...), and after how many frames each plan was done (B,) int32.
+      The physics state of every frame, leaves (B, T + 1, ...), and the number of frames in which each plan was busy
+      (B,) int32.
     """
     reset_key, plan_key = jax.random.split(key)
     batch = kinds.shape[0]
     physics = jax.vmap(lambda key: task.reset(key).pipeline_state)(jax.random.split(reset_key, batch))
     plans = jax.vmap(draw_plan)(jax.random.split(plan_key, batch), kinds)
-    progress = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch,)), begin())
+    plan_state = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch,)), begin())
 
     def step(carry: tuple, _: None) -> tuple:
-        physics, progress = carry
-        progress, actions = jax.vmap(act)(plans, progress, physics)
+        physics, plan_state = carry
+        plan_state, actions = jax.vmap(act)(plans, plan_state, physics)
         physics = jax.vmap(task.advance)(physics, actions)
-        return (physics, progress), (physics, progress.phase < NUM_PHASES)
+        return (physics, plan_state), (physics, plan_state.phase < NUM_PHASES)
 
-    _, (states, busy) = jax.lax.scan(step, (physics, progress), length=task.episode_length)
+    _, (states, busy) = jax.lax.scan(step, (physics, plan_state), length=task.episode_length)
     frames = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]).swapaxes(0, 1), physics, states)
     return frames, jnp.sum(busy, axis=0, dtype=jnp.int32)
 
 
 def demonstrate(
-    task: environment.ShoesInBox, key: jax.Array, successes: int, failures: int, picture_size: int | None
+    task: ShoesInBoxEnv, key: jax.Array, successes: int, failures: int, image_size: int | None
 ) -> Demonstrations:
-    """Demonstrations that really succeed and failures that really fail, of the same lengths; see `collect`.
+    """Runs the expert until it has demonstrations that really succeed and failures that really fail; see `collect`.
 
     Raises:
-      ValueError: pictures are wanted, but this machine cannot render.
+      ValueError: images are requested, but this machine cannot render.
     """
-    if picture_size is not None and not render.can_render():
-        raise ValueError("pictures of shoes_in_box need a graphics library that MuJoCo can use; there is none here")
+    if image_size is not None and not render.can_render():
+        raise ValueError("images of shoes_in_box need a graphics library that MuJoCo can use; there is none here")
     collect_key, length_key = jax.random.split(key)
 
     def run(key: jax.Array, kinds: np.ndarray) -> tuple[Any, np.ndarray]:
         states, busy = jax.tree.map(np.asarray, rollouts(task, key, jnp.asarray(kinds)))
         last = jax.tree.map(lambda leaf: leaf[:, -1], states)
         found = *jax.tree.map(np.asarray, seen(task, states)), busy, states.qpos, states.box
-        return found, np.asarray(jax.vmap(environment.success)(last))
+        return found, np.asarray(jax.vmap(success)(last))
 
     # A few episodes do not need a whole batch.
     batch = min(BATCH, 8 * math.ceil((successes + failures) / 8))
     (boxes, mask, events, busy, qpos, box), kinds = collect(
         run, collect_key, successes, failures, len(FAILURES), batch, MAX_BATCHES
     )
-    # A failure's motions are over when they are over; it ends when some success does.
+    # A failure gets the length of a random success, whenever its own motions end.
     tail_key, draw_key = jax.random.split(length_key)
     tails = np.asarray(jax.random.randint(tail_key, busy.shape, *TAIL_FRAMES))
     lengths = np.minimum(busy + tails, boxes.shape[1])
@@ -297,12 +300,12 @@ def demonstrate(
         events=np.where(frames < lengths[:, None], frames, -1),
         event_names=task.event_names,
         kinds=np.array(("success", *FAILURES))[kinds],
-        frames=None if picture_size is None else _pictures(qpos, box, picture_size),
+        frames=None if image_size is None else _images(qpos, box, image_size),
     )
 
 
-def _pictures(qpos: np.ndarray, box: np.ndarray, size: int) -> np.ndarray:
-    """The camera's pictures (B, T, size, size, 3) uint8 of episodes."""
+def _images(qpos: np.ndarray, box: np.ndarray, size: int) -> np.ndarray:
+    """The camera's images (B, T, size, size, 3) uint8 of episodes."""
     episodes = zip(qpos, box, strict=True)
     return np.stack(
         [[render.draw_scene(*frame, size, shadows=False) for frame in zip(*one, strict=True)] for one in episodes]
@@ -310,6 +313,6 @@ def _pictures(qpos: np.ndarray, box: np.ndarray, size: int) -> np.ndarray:
 
 
 @partial(jax.jit, static_argnums=0)
-def seen(task: environment.ShoesInBox, states: environment.PhysicsState) -> tuple[jax.Array, jax.Array, jax.Array]:
+def seen(task: ShoesInBoxEnv, states: PhysicsState) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Boxes (B, T, N, 4), mask (B, T, N) and events (B, T, E) of physics states (B, T, ...)."""
-    return jax.vmap(jax.vmap(lambda state: (*task.look(state), environment.events(state))))(states)
+    return jax.vmap(jax.vmap(lambda state: (*task.look(state), events_of(state))))(states)

@@ -1,7 +1,7 @@
-"""Where things are in the world, and the boxes that the camera sees of them: exact silhouettes of all primitives.
+"""Poses of objects in the world, and their image-plane boxes from exact silhouettes of all primitives.
 
-A box projects to the hull of its corners, a capsule to the hull of its end spheres, and a sphere to an ellipse whose
-extent has a closed form. Objects are seen whole; what stands in front of them is the detector's affair.
+A box projects to the hull of its corners, a capsule to the hull of its end spheres, and a sphere to an ellipse with an
+extent in closed form. Occlusion is ignored here; it is part of the detector noise.
 """
 
 import math
@@ -24,8 +24,9 @@ class Pose(NamedTuple):
     rotation: jax.Array
 
     def place(self, points: jax.Array | np.ndarray) -> jax.Array:
-        """Points (P, 3) of this frame in the world."""
-        return self.position + points @ self.rotation.T
+        """World coordinates of points (..., 3) in this frame."""
+        turned = points @ self.rotation.T
+        return jnp.broadcast_to(self.position, turned.shape) + turned
 
 
 def from_quaternion(q: jax.Array) -> jax.Array:
@@ -45,7 +46,7 @@ def box_pose(box: jax.Array) -> Pose:
 
 
 def lid_pose(box: jax.Array, angle: jax.Array) -> Pose:
-    """Frame of the lid: at the hinge, x towards the hinge from the bar."""
+    """Frame of the lid: at the hinge, with x from the bar towards the hinge."""
     carrier = box_pose(box)
     return Pose(carrier.place(jnp.array(model.HINGE)), carrier.rotation @ kinematics.about(1, angle))
 
@@ -61,7 +62,7 @@ def shoe_pose(qpos: jax.Array) -> Pose:
 
 
 def shoe_yaw(qpos: jax.Array) -> jax.Array:
-    """Direction of a shoe's length, in (-pi / 2, pi / 2] as heel and toe look alike; ()."""
+    """Direction of a shoe's length, in (-pi / 2, pi / 2] because heel and toe look alike; ()."""
     w, x, y, z = qpos[3:]
     yaw = jnp.arctan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
     return yaw - jnp.pi * jnp.round(yaw / jnp.pi)
@@ -98,7 +99,7 @@ def boxes(qpos: jax.Array, box: jax.Array) -> jax.Array:
 
 
 def depths(qpos: jax.Array, box: jax.Array) -> jax.Array:
-    """Distances (5,) of the middles of gripper, box, lid and shoes from the camera, along its view."""
+    """Distances (5,) of the middles of gripper, box, lid and shoes from the camera, along its view axis."""
     lid, carrier = lid_pose(box, qpos[9]), box_pose(box)
     middles = jnp.stack(
         [
@@ -109,7 +110,7 @@ def depths(qpos: jax.Array, box: jax.Array) -> jax.Array:
             qpos[17:20],
         ]
     )
-    return -((middles - jnp.array(model.CAMERA)) @ jnp.array(model.camera_axes()[2]))
+    return -((middles - jnp.array(model.CAMERA)[None]) @ jnp.array(model.camera_axes()[2]))
 
 
 def _seen_gripper(hand: Pose, openings: jax.Array) -> jax.Array:
@@ -125,7 +126,7 @@ def _seen_gripper(hand: Pose, openings: jax.Array) -> jax.Array:
 
 
 def _corners(pose: Pose, centre: jax.Array | np.ndarray, size: jax.Array | tuple[float, ...]) -> jax.Array:
-    return pose.place(centre + _CORNERS * jnp.asarray(size))
+    return pose.place(centre[None] + _CORNERS * jnp.asarray(size)[None])
 
 
 def _seen(corners: list[jax.Array], spheres: jax.Array | None = None, radius: float = 0.0) -> jax.Array:
@@ -142,7 +143,7 @@ def _seen(corners: list[jax.Array], spheres: jax.Array | None = None, radius: fl
 def _extent(points: jax.Array, radius: float) -> tuple[jax.Array, jax.Array]:
     """Least and greatest image coordinates of spheres around points (P, 3): two (P, 2)."""
     right, up, backward = (jnp.array(axis) for axis in model.camera_axes())
-    offset = points - jnp.array(model.CAMERA)
+    offset = points - jnp.array(model.CAMERA)[None]
     depth = -(offset @ backward)[:, None]
     across = jnp.stack([offset @ right, -(offset @ up)], axis=-1)
     # Tangents from the camera's centre to a circle of this radius.

@@ -1,4 +1,4 @@
-"""The arm's forward kinematics and a step of differential inverse kinematics, in a few small products.
+"""The arm's forward kinematics and a step of differential inverse kinematics, in a few small matrix products.
 
 The gripper always points down; its pose is (x, y, z, yaw). At yaw 0 the pads close along the world's y axis.
 """
@@ -12,7 +12,7 @@ import numpy as np
 from tasks.shoes_in_box.model import FLANGE, HAND_TURN, JOINT_RANGES, LINK_FRAMES, TCP_DISTANCE
 
 HOME = np.array([0.0, -0.45, 0.0, -2.35, 0.0, 1.9, -math.pi / 4], np.float32)
-"""Above the box, the pads closing along x (yaw pi / 2)."""
+"""Home joints: the gripper above the box, with pads that close along x (yaw pi / 2)."""
 _LOW, _HIGH = (np.array(limits, np.float32) for limits in zip(*JOINT_RANGES, strict=True))
 _MARGIN = 0.05
 _DAMPING = 0.02
@@ -31,7 +31,7 @@ def about(axis: int, angle: jax.Array) -> jax.Array:
 
 
 def forward(joints: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array, jax.Array]:
-    """Point between the pads (3,), hand's rotation (3, 3), joints' axes (7, 3) and places (7, 3) in the world."""
+    """Point between the pads (3,), hand's rotation (3, 3), joints' axes (7, 3) and positions (7, 3) in the world."""
     rotation, position = jnp.eye(3), jnp.zeros(3)
     axes, places = [], []
     for joint, (offset, turns) in enumerate(LINK_FRAMES):
@@ -56,12 +56,12 @@ def pose(joints: jax.Array) -> jax.Array:
 
 
 def approach(joints: jax.Array, target: jax.Array) -> jax.Array:
-    """Joints (7,) after one damped least-squares step towards a gripper pose (x, y, z, yaw), drawn home where free."""
+    """Joints (7,) after one damped least-squares step to a gripper pose (x, y, z, yaw); null space towards `HOME`."""
     tip, rotation, axes, places = forward(joints)
     wanted = downward(target[3])
     turn = 0.5 * jnp.sum(jnp.cross(rotation, wanted, axisa=0, axisb=0, axisc=0), axis=1)
     error = jnp.concatenate([target[:3] - tip, turn])
-    jacobian = jnp.concatenate([jnp.cross(axes, tip - places), axes], axis=1).T
+    jacobian = jnp.concatenate([jnp.cross(axes, tip[None] - places), axes], axis=1).T
     gram = jacobian @ jacobian.T + _DAMPING**2 * jnp.eye(6)
     home = _TO_HOME * (HOME - joints)
     change = home + jacobian.T @ jnp.linalg.solve(gram, error - jacobian @ home)

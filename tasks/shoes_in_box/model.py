@@ -2,8 +2,8 @@
 
 Kinematics are the manufacturer's, inertials those identified by Gaz et al. ("Dynamic Identification of the Franka Emika
 Panda Robot With Retrieval of Feasible Parameters Using Penalty-Based Optimization", 2019); the shapes are primitives.
-Only what has to collide does, by explicit pairs: pads grip shoes and the lid's bar, finger tips keep off table and
-walls, the hand off the lid, shoes rest on the table by their soles and meet the rest by capsules.
+Collisions are explicit pairs: pads with shoes and the lid's bar, finger tips with table and walls, the palm with the
+lid, soles of shoes with the table, and capsules of shoes with walls, lid, table and each other.
 """
 
 import math
@@ -15,18 +15,18 @@ import mujoco
 CONTROL_DT = 0.05
 """Seconds per control step."""
 
-# The box: inner half sizes along x (towards the hinge) and y (along it), walls, and the lid's bar.
+# The box: inner half sizes along x (towards the hinge) and y (along the hinge), walls, and the lid's bar.
 INNER = (0.104, 0.150)
 WALL = 0.004
 WALL_HEIGHT = 0.08
 LID_MASS = 0.15
 LID_OPEN = 2.0
-"""The lid's angle at its stop, radians; upright is pi / 2, from where it falls open."""
+"""Angle of the lid at its stop, radians; beyond pi / 2 (upright) it falls open."""
 BAR_STANDOFF = 0.045
 BAR_RADIUS, BAR_HALF_LENGTH = 0.008, 0.05
 HINGE = (INNER[0] + 2 * WALL, 0.0, WALL_HEIGHT + WALL)
 BAR_REACH = 2 * (INNER[0] + 2 * WALL) + BAR_STANDOFF
-"""From the hinge to the bar."""
+"""Distance from the hinge to the bar."""
 
 SOLE = (0.085, 0.025, 0.010)
 UPPER_RADIUS, UPPER_HALF_LENGTH, UPPER_HEIGHT = 0.024, 0.06, 0.028
@@ -40,7 +40,7 @@ SHAFT = ((0.0, 0.012, 0.018), (0.009, 0.006, 0.020))
 TIP_CENTRE, TIP_RADIUS = (0.0, 0.008, PAD_DISTANCE + 0.003), 0.008
 FINGER_DISTANCE = 0.0584
 TCP_DISTANCE = FINGER_DISTANCE + PAD_DISTANCE
-"""From the hand's frame to the point between the pads."""
+"""Distance from the hand's frame to the point between the pads."""
 FINGER_OPEN = 0.04
 HAND = (0.02, 0.10, 0.028)
 HAND_CENTRE = 0.03
@@ -48,9 +48,9 @@ HAND_CENTRE = 0.03
 CAMERA = (1.15, -0.75, 1.05)
 LOOK_AT = (0.45, 0.0, 0.05)
 FIELD_OF_VIEW = 42.0
-"""Of the square picture, degrees."""
+"""Field of view of the square image, degrees."""
 
-# Joint limits; frames of each link in the one before (position, rotation about x in quarter turns).
+# Joint limits; frame of each link in the previous one (position, rotation about x in quarter turns).
 JOINT_RANGES = (
     (-2.8973, 2.8973), (-1.7628, 1.7628), (-2.8973, 2.8973), (-3.0718, -0.0698), (-2.8973, 2.8973), (-0.0175, 3.7525),
     (-2.8973, 2.8973),
@@ -71,10 +71,10 @@ _INERTIALS = (
     (1.666555, "0.060149 -0.014117 -0.010517", "0.001964 0.004354 0.005433 0.000109 -0.001158 0.000341"),
     (0.735522, "0.010517 -0.004252 0.061597", "0.012516 0.010027 0.004815 -0.000428 -0.001196 -0.000741"),
 )
-# A third of what is usual: stiffer, the arm trembles at this time step, and what it holds slips.
+# A third of the usual gains. With higher gains the arm trembles at this time step, and what it holds slips.
 _GAINS = (1350, 1350, 1050, 1050, 600, 600, 600)
 _FORCES = (87, 87, 87, 87, 12, 12, 12)
-# Capsules that show the arm; nothing collides with them.
+# Capsules that show the arm, without collisions.
 _LINK_SHAPES = (
     ("0 0 -0.19", "0 0 0.0", 0.07), ("0 -0.12 0", "0 0 0", 0.065), ("0 0 -0.12", "0.06 0 0", 0.06),
     ("-0.06 0.1 0", "0 0 0", 0.06), ("0 0.03 -0.25", "0 0.05 -0.02", 0.055), ("0 0 0", "0.088 0 0", 0.05),
@@ -110,7 +110,7 @@ def _quarter_turns(turns: int) -> str:
 
 
 def _arm() -> str:
-    """The seven links, each inside the one before, and the hand inside the last."""
+    """The seven links, each inside the previous one, and the hand inside the last."""
     opening, closing = "", ""
     for number, ((position, turns), inertial, (low, high), shape) in enumerate(
         zip(LINK_FRAMES, _INERTIALS, JOINT_RANGES, _LINK_SHAPES, strict=True), start=1
@@ -265,5 +265,5 @@ def scene_xml(physics: Physics) -> str:
 
 
 def build_model(physics: Physics) -> mujoco.MjModel:
-    """Compile the scene for MuJoCo; `mjx.put_model` takes it from there."""
+    """The compiled MuJoCo model of the scene, the input of `mjx.put_model`."""
     return mujoco.MjModel.from_xml_string(scene_xml(physics))

@@ -1,4 +1,4 @@
-"""Pictures of Shoes in Box through its camera, by MuJoCo's renderer, with the boxes and the reward beside it."""
+"""Drawings of Shoes in Box through its camera, by MuJoCo's renderer, with the boxes and the reward beside it."""
 
 import atexit
 import warnings
@@ -9,20 +9,20 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw
 
-from graphrl_jax.drawing import PANEL, RewardPanel, draw_boxes
-from tasks.shoes_in_box.env import OBJECTS
+from graphrl_jax.viz.drawing import PANEL, RewardPanel, draw_boxes
 from tasks.shoes_in_box.model import CONTROL_DT, Physics, build_model
+from tasks.shoes_in_box.objects import OBJECTS
 
 
 @cache
 def _renderer(size: int) -> tuple[mujoco.MjModel, mujoco.MjData, Any]:
-    """A scene and a renderer of `size` pixels square; None in its place where the machine cannot render."""
+    """Model, data and a renderer of `size` pixels square; the renderer is None if the machine cannot render."""
     model = build_model(Physics())
     try:
         renderer = mujoco.Renderer(model, size, size)
-        atexit.register(renderer.close)  # later its library is gone
+        atexit.register(renderer.close)  # before its library is unloaded
     except Exception as error:  # whatever the graphics library raises
-        warnings.warn(f"MuJoCo cannot render here ({error}); pictures show boxes alone", stacklevel=2)
+        warnings.warn(f"MuJoCo cannot render here ({error}); drawings show boxes alone", stacklevel=2)
         renderer = None
     return model, mujoco.MjData(model), renderer
 
@@ -33,7 +33,7 @@ def can_render() -> bool:
 
 
 def pose_scene(model: mujoco.MjModel, data: mujoco.MjData, qpos: np.ndarray, box: np.ndarray) -> None:
-    """Puts everything where `qpos` (24,) and the box's (x, y, yaw) say."""
+    """Sets the scene to `qpos` (24,) and the box's (x, y, yaw)."""
     body = model.body("box").id
     model.body_pos[body, :2] = box[:2]
     model.body_quat[body] = [np.cos(box[2] / 2), 0.0, 0.0, np.sin(box[2] / 2)]
@@ -49,13 +49,13 @@ def draw_scene(
     active: np.ndarray | None = None,
     shadows: bool = True,
 ) -> np.ndarray:
-    """The camera's picture (size, size, 3) uint8, with the objects' boxes (5, 4) if given.
+    """The camera's image (size, size, 3) uint8, with the objects' boxes (5, 4) if given.
 
     Args:
-      qpos: (24,), see `env.PhysicsState`.
+      qpos: (24,), see `state.PhysicsState`.
       box: (3,), x, y, yaw of the box.
       size: pixels along an edge.
-      boxes: (5, 4) cx, cy, w, h in [0, 1]; an active object's is orange, another's grey, the gripper's dotted.
+      boxes: (5, 4) cx, cy, w, h in [0, 1]; active objects are orange, others grey, the gripper is dotted.
       active: (5,) bool.
       shadows: draws shadows and reflections, which takes eight times as long.
     """

@@ -1,37 +1,41 @@
 """The command line of the study; see the package."""
 
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import tyro
 
-from benchmarks.context import measured_on
-from benchmarks.exploits import unseen_audit, unseen_trajectories
+from benchmarks.context import RESULTS, measured_on
+from benchmarks.exploits import landscape_figure, unseen_audit, unseen_trajectories
 from benchmarks.studies import reward as study
 from benchmarks.studies.reward.report import write_report
 from benchmarks.studies.reward.variants import POLICY_VARIANTS, VARIANTS, Variant
 from graphrl_jax import demonstrations as demonstration_files
-from graphrl_jax import pipeline, plots, training
-from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.landscape import audit
-from graphrl_jax.ppo_config import PPOHyper
+from graphrl_jax.experiment.checkpoints import TrainedRun, load_reward
+from graphrl_jax.experiment.evaluation import SEED_OFFSET, evaluate_policy
+from graphrl_jax.experiment.keys import RunStage, stage_key
+from graphrl_jax.experiment.presets import PRESETS
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.experiment.settings import compose
+from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
+from graphrl_jax.experiment.train_policy import PolicyJob, train_policies
 from graphrl_jax.progress import Progress
-from graphrl_jax.reward import fit_reward
-from graphrl_jax.runs import Run, read_json, write_json
-from graphrl_jax.settings import PRESETS, Settings
-from graphrl_jax.task import Task, make_task
-from tasks.match_regions.env import MatchRegions
+from graphrl_jax.registry import make_task
+from graphrl_jax.reward.model import fit_reward
+from graphrl_jax.runtime import configure
+from graphrl_jax.storage import read_json, write_json
+from graphrl_jax.task import Task
+from tasks.match_regions.task import MatchRegions
 
 FOLDER = Path(__file__).parent
-# Everything but the numbers is made anew when missing.
+# Everything but the tables is made anew when missing.
 RUNS = Path("runs/studies/reward")
-RESULTS = Path("benchmarks/results")
 # Of the landscape and the trajectories that judge all members alike.
 UNSEEN_SEED = 7
-PICTURED = ("paper_0", "default_0")
+DRAWN = ("paper_0", "default_0")
 
 
 @dataclass(frozen=True)
@@ -39,8 +43,8 @@ class Encoders:
     """Train and audit encoders.
 
     Attributes:
-      variants: Names in `variants.py`; all if left out.
-      seeds: Of demonstrations and encoder alike.
+      variants: names in `variants.py`; all if left out.
+      seeds: of demonstrations and encoder alike.
     """
 
     variants: tyro.conf.Positional[tuple[str, ...]] = tuple(VARIANTS)
@@ -52,10 +56,10 @@ class Policies:
     """Train policies on encoders that `encoders` made.
 
     Attributes:
-      members: Such as default_0.
-      variant: Of the policy's training, see `POLICY_VARIANTS`.
-      updates: Of PPO.
-      episodes: To judge each by: Demo layout, unseen.
+      members: such as default_0.
+      variant: of the policy's training, see `POLICY_VARIANTS`.
+      updates: of PPO.
+      episodes: to judge each by: Demo layout, unseen.
     """
 
     members: tyro.conf.Positional[tuple[str, ...]]
@@ -105,24 +109,20 @@ def encoder_row(task: Task, name: str, seed: int, unseen: Demonstrations) -> dic
     """Trains one encoder; its audit with the goal of rearrangements and with that of the demonstrations alone."""
     variant = VARIANTS[name]
     config, hyper = variant.settings()
-    demos = _demonstrations(task, variant, seed)
     # Left by an interrupted training; a finished one has its row.
     shutil.rmtree(RUNS / f"{name}_{seed}", ignore_errors=True)
-    run = Run.create(RUNS / f"{name}_{seed}", {"command": "study", "variant": name, "seed": seed})
+    run = Run.create(RUNS / f"{name}_{seed}", "study", {"variant": name, "seed": seed})
+    job = EncoderJob(run, _demonstrations(task, variant, seed), hyper, seed)
     with Progress() as progress:
-        model, numbers = training.train_encoder(run, demos, config, hyper, seed, progress)
-    fitted = demos.successes().split(0.75, seed)[0]
-    bare = fit_reward(
-        model.params, fitted, model.alpha, model.suppress_robot, model.tau, None, hyper.even, model.robot_messages
-    )
-    if f"{name}_{seed}" in PICTURED:
-        scenes = task.landscape(pipeline.stage_key(UNSEEN_SEED, pipeline.LANDSCAPE))
-        plots.landscape(audit(model, scenes), FOLDER / f"landscape_{name}.png")
+        ((model, metrics),) = train_encoders([job], config, progress)
+    bare = fit_reward(model.params, job.split()[0], model.pooling, even=hyper.even)
+    if f"{name}_{seed}" in DRAWN:
+        landscape_figure(task, model, UNSEEN_SEED, FOLDER / f"landscape_{name}.png")
     return {
         "variant": name,
         "factor": variant.factor,
         "seed": seed,
-        "pretrain_s": numbers["pretrain_s"],
+        "pretrain_s": metrics["pretrain_s"],
         **unseen_audit(task, model, unseen, UNSEEN_SEED),
         "demonstrated_goal": unseen_audit(task, bare, unseen, UNSEEN_SEED),
     }
@@ -134,24 +134,22 @@ def policy_row(encoder: str, member: str, request: Policies) -> dict[str, Any]:
     config, hyper = VARIANTS[name].settings()
     change = POLICY_VARIANTS[request.variant]
     task = MatchRegions(**change.task)
-    model = pipeline.load_reward(Run(RUNS / encoder), config.encoder, task)
+    reward_params = load_reward(Run(RUNS / encoder), config, task.objects)
+    method = "graph" if hyper.suppress_robot else "graph_with_robot"
+    settings = compose(task, method, seed=int(seed), updates=request.updates, ppo=change.hyper)
+    settings = replace(settings, pretrain_config=config, pretrain=hyper)
     # Made by `encoders`, or by an interrupted training of this policy, which goes on.
-    (RUNS / member).mkdir(exist_ok=True)
-    run = Run(RUNS / member)
-    reward = "graph" if hyper.suppress_robot else "graph_with_robot"
-    settings = Settings(
-        reward=reward, seed=int(seed), updates=request.updates, pretrain=hyper, ppo=PPOHyper(**change.hyper)
-    )
+    run = Run(RUNS / member) if (RUNS / member).exists() else Run.start(RUNS / member, settings)
     with Progress() as progress:
-        ((policy, numbers),) = training.train_policies([training.PolicyJob(run, settings, model)], task, progress)
-    outcome = pipeline.evaluate_policy(task, settings, model, policy, request.episodes, settings.seed + 1000)
+        ((policy, metrics),) = train_policies([PolicyJob(run, settings, reward_params)], task, progress)
+    trained = TrainedRun(task, settings, reward_params, policy)
     curve = [[record["env_steps"], record["success"], record["score"]] for record in run.records("ppo")]
     return {
         "encoder": encoder,
         "variant": request.variant,
         "updates": request.updates,
-        **numbers,
-        **outcome,
+        **metrics,
+        **evaluate_policy(trained, request.episodes, settings.seed + SEED_OFFSET),
         "training_seed": int(seed),
         "curve": curve,
     }
@@ -160,7 +158,7 @@ def policy_row(encoder: str, member: str, request: Policies) -> dict[str, Any]:
 def _demonstrations(task: Task, variant: Variant, seed: int) -> Demonstrations:
     path = RUNS / f"demonstrations_{variant.demonstrations}_{seed}.npz"
     if not path.exists():
-        key = pipeline.stage_key(seed, pipeline.DEMONSTRATIONS)
+        key = stage_key(seed, RunStage.DEMONSTRATIONS)
         task.demonstrate(key, variant.demonstrations, PRESETS["cpu"].demonstrations // 4).save(path)
     return demonstration_files.load(path)
 

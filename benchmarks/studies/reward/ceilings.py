@@ -6,26 +6,34 @@ Ideal is minus the way to go: the targets' summed distance to the region, plus `
 the target that it brings next. Writes ceilings.json beside this file.
 """
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tyro
 
 from benchmarks.context import measured_on
 from benchmarks.exploits import unseen_trajectories
-from graphrl_jax import pipeline
-from graphrl_jax.augment import INSET
-from graphrl_jax.compilation import configure
 from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.evaluators import kendall_tau, value_order_correlation
-from graphrl_jax.landscape import Landscape, pair_accuracy, scores, share_above
-from graphrl_jax.runs import write_json
-from graphrl_jax.task import make_task
+from graphrl_jax.experiment.keys import RunStage, stage_key
+from graphrl_jax.pretrain.augment import INSET
+from graphrl_jax.registry import make_task
+from graphrl_jax.reward.alignment import kendall_tau, value_order_correlation
+from graphrl_jax.reward.landscape import Landscape, scores
+from graphrl_jax.reward.statistics import pair_accuracy, share_above
+from graphrl_jax.runtime import configure
+from graphrl_jax.storage import write_json
 
 REGION, ROBOT, TARGETS = 0, 1, slice(2, 4)
 APPROACHES = (0.0, 0.05, 0.15, 0.5, 1.0)
 SEEDS = (0, 1, 2)
 SET_OFF = 0.01
+
+
+@dataclass(frozen=True)
+class Options:
+    """Computes what ideal values score."""
 
 
 def distances(boxes: np.ndarray) -> dict[str, np.ndarray]:
@@ -98,13 +106,14 @@ def time_ceilings(demos: Demonstrations) -> dict[str, dict[str, float]]:
 
 def main() -> None:
     """Computes and writes."""
+    tyro.cli(Options, description=__doc__)
     configure()
     task = make_task("match_regions")
     results: dict[str, Any] = {}
     for seed in SEEDS:
-        demos = task.demonstrate(pipeline.stage_key(seed, pipeline.DEMONSTRATIONS), 64)
+        demos = task.demonstrate(stage_key(seed, RunStage.DEMONSTRATIONS), 64)
         results[str(seed)] = {
-            **landscape_ceilings(task.landscape(pipeline.stage_key(seed, pipeline.LANDSCAPE))),
+            **landscape_ceilings(task.landscape(stage_key(seed, RunStage.LANDSCAPE))),
             **time_ceilings(demos.split(0.75, seed)[1]),
             "successes_above": trajectory_ceilings(unseen_trajectories(task, seed)),
         }

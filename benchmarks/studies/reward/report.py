@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from scipy.stats import spearmanr
 
-from benchmarks.readme import updated
-from graphrl_jax.runs import read_json, write_atomically
+from benchmarks.figures import plain, save
+from benchmarks.tables.markers import updated
+from graphrl_jax.storage import read_json
 
 MEASURES = {
     "pair_accuracy": "pairs in order",
@@ -51,9 +51,9 @@ def write_report(folder: Path, results: Path) -> None:
     tables = "\n\n".join(table for table in parts if table)
     report.write_text(updated(report.read_text(), f"{tables}\n"))
     if encoders:
-        write_atomically(folder / "encoders.png", FigureCanvasAgg(encoder_figure(encoders)).print_png)
+        save(encoder_figure(encoders), folder / "encoders.png")
     if ranked:
-        write_atomically(folder / "oracle.png", FigureCanvasAgg(oracle_figure(encoders, ranked)).print_png)
+        save(oracle_figure(encoders, ranked), folder / "oracle.png")
 
 
 def measure(row: dict[str, Any], name: str) -> float:
@@ -158,7 +158,7 @@ def encoder_figure(encoders: Rows) -> Figure:
         axes.set_yticks(range(len(values)), list(values))
         axes.set_title(textwrap.fill(label, 16), fontsize=9)
         axes.grid(axis="y", alpha=0.3)
-        axes.spines[["top", "right"]].set_visible(False)
+        plain(axes)
     figure.axes[0].invert_yaxis()
     return figure
 
@@ -170,7 +170,7 @@ def oracle_figure(encoders: Rows, policies: Rows) -> Figure:
         for member, row in policies.items():
             axes.plot(measure(encoders[member], name), row["mean_score"], "o", color="tab:green", alpha=0.7)
         axes.set_title(f"{label}\nrank corr. {_rank_correlation(encoders, policies, name):.2f}", fontsize=9)
-        axes.spines[["top", "right"]].set_visible(False)
+        plain(axes)
     figure.axes[0].set_ylabel("mean score of the policy")
     return figure
 

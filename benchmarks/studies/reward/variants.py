@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from graphrl_jax.pretrain import PretrainConfig, PretrainHyper
+from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ VARIANTS = {
     "alpha_8": Variant("activity", hyper={"alpha": 8.0}),
     "tau_0.1": Variant("activity", hyper={"tau": 0.1}),
     "with_robot": Variant("activity", hyper={"suppress_robot": 0.0}),
-    "classification": Variant("TCC", config={"tcc_variant": "classification"}),
-    "huber": Variant("TCC", config={"tcc_variant": "regression_huber"}),
-    "variance": Variant("TCC", config={"tcc_variant": "regression_mse_var"}),
+    "classification": Variant("TCC", config={"tcc_loss": "classification"}),
+    "huber": Variant("TCC", config={"tcc_loss": "regression_huber"}),
+    "variance": Variant("TCC", config={"tcc_loss": "regression_mse_var"}),
     "temperature_0.1": Variant("TCC", hyper={"temperature": 0.1}),
     "temperature_1": Variant("TCC", hyper={"temperature": 1.0}),
     "plain_distance": Variant("reward", hyper={"even": 0.0}),

@@ -1,0 +1,68 @@
+"""What tables are made of: result files, cells and lines."""
+
+import functools
+import json
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[2]
+RESULTS = ROOT / "benchmarks" / "results"
+Result = dict[str, Any]
+
+
+def result_of(name: str) -> Result | None:
+    """A result file; None while there is none."""
+    path = RESULTS / f"{name}.json"
+    return json.loads(path.read_text()) if path.exists() else None
+
+
+def of_result(name: str) -> Callable[[Callable[[Result], str]], Callable[[], str]]:
+    """Makes a table's function read its result file; the table is empty while there is none."""
+
+    def decorate(table_of: Callable[[Result], str]) -> Callable[[], str]:
+        @functools.wraps(table_of)
+        def read() -> str:
+            result = result_of(name)
+            return "" if result is None else table_of(result)
+
+        return read
+
+    return decorate
+
+
+def table(columns: Sequence[str], rows: Iterable[Sequence[str]], below: str = "") -> str:
+    """A markdown table, and a line below it."""
+    lines = [_line(columns), "|---" * len(columns) + "|", *map(_line, rows)]
+    return "\n".join([*lines, "", below] if below else lines)
+
+
+def _line(cells: Sequence[str]) -> str:
+    return "".join(f"| {cell} " if cell else "| " for cell in cells) + "|"
+
+
+def mean(values: Sequence[float]) -> float:
+    """The mean."""
+    return sum(values) / len(values)
+
+
+def spread(values: Sequence[float]) -> str:
+    """Mean, and least and greatest over seeds where they differ."""
+    low, high = f"{min(values):.2f}", f"{max(values):.2f}"
+    return f"{mean(values):.3f}" + (f" ({low} to {high})" if low != high else "")
+
+
+def percent_interval(bounds: Sequence[float] | None) -> str:
+    """An interval over seeds."""
+    return f"{bounds[0]:.1%} to {bounds[1]:.1%}" if bounds else "one seed"
+
+
+def where(result: Result) -> str:
+    """What a result was measured on, and how."""
+    return f"({result['device']}, commit {commit(result)}; `{result['command']}`)"
+
+
+def commit(result: Result) -> str:
+    """The commit of a result, cut short."""
+    full, dirty, _ = result["commit"].partition("-dirty")
+    return f"{full[:7]}{dirty}"

@@ -1,0 +1,59 @@
+"""Which document has which tables."""
+
+from collections.abc import Callable
+
+from benchmarks.tables.cells import ROOT
+from benchmarks.tables.costs import pytorch_table, sweeps_table, throughput_table
+from benchmarks.tables.human import fidelity_table, human_table
+from benchmarks.tables.markers import names_in, updated
+from benchmarks.tables.match_regions import (
+    alphas_table,
+    audit_table,
+    headline,
+    success_table,
+    table_1,
+    variants_table,
+)
+from benchmarks.tables.shoes_in_box import discrimination_table, failures_table, subtasks_table, table_2
+
+DOCUMENTS: dict[str, dict[str, tuple[Callable[[], str], ...]]] = {
+    "README.md": {"headline results": (headline,)},
+    "docs/results.md": {
+        "results of Table I": (table_1,),
+        "results of Match Regions": (success_table, audit_table),
+        "results of throughput": (throughput_table, pytorch_table),
+        "results of Table II": (table_2,),
+        "results of variants": (variants_table,),
+        "results of Shoes in Box": (discrimination_table, failures_table, subtasks_table),
+        "results of human demonstrations": (human_table, fidelity_table),
+        "results of sweeps": (sweeps_table,),
+        "results of alphas": (alphas_table,),
+    },
+}
+"""Tables by the name of their marker, for each document."""
+BLOCKS = {name: tables for blocks in DOCUMENTS.values() for name, tables in blocks.items()}
+
+
+def document(name: str) -> str:
+    """What a document says once all of its tables are written anew.
+
+    Raises:
+      ValueError: its markers are not those of its tables.
+    """
+    text = (ROOT / name).read_text()
+    if sorted(names_in(text)) != sorted(DOCUMENTS[name]):
+        raise ValueError(f"{name} has the markers {names_in(text)}; needed: {list(DOCUMENTS[name])}, each once")
+    return with_tables(text)
+
+
+def with_tables(text: str) -> str:
+    """A text with every table in it written anew; what is outside the markers stays.
+
+    Raises:
+      ValueError: a marker is unknown, or has no end.
+    """
+    for name in names_in(text):
+        if name not in BLOCKS:
+            raise ValueError(f"no tables are called {name!r}; known: {', '.join(BLOCKS)}")
+        text = updated(text, "\n\n".join(table() for table in BLOCKS[name]) + "\n", name)
+    return text

@@ -1,0 +1,90 @@
+"""Tables of Shoes in Box: Table II, discrimination by reward and by kind of failure, subtasks."""
+
+from benchmarks.tables.cells import Result, mean, of_result, spread, table, where
+from graphrl_jax.experiment.methods import METHODS
+
+LEFT_OUT = {
+    "activity": "no activity (alpha 1)",
+    "reconstruction": "no reconstruction",
+    "persistence": "activity that does not persist",
+    "edges": "no offsets and distances",
+}
+"""Of our method, in Table II."""
+REWARDS = {
+    "true_progress": "share of subtasks truly left",
+    "graph": METHODS["graph"].label,
+    "graph_with_robot": METHODS["graph_with_robot"].label,
+    "graph_robot_heard": "graph reward, robot left out of the pooling alone",
+}
+SUBTASK_METHODS = {"rests": "rests", "change_points": "change points", "uvd": "UVD"}
+_MEASURES = (
+    ("demonstrations", "rho"), ("whole_episodes", "rho"),
+    ("demonstrations", "auroc_per_step"), ("whole_episodes", "auroc"),
+    ("demonstrations", "order_success"), ("demonstrations", "order_failure"),
+)  # fmt: skip
+
+
+@of_result("table2")
+def table_2(result: Result) -> str:
+    """How every learned reward tells successes from failures, lowest rho first."""
+    rho: dict[str, list[float]] = {}
+    for run in result["rewards"]:
+        rho.setdefault(run["reward"], []).append(run["demonstrations"]["rho"])
+    labels = {name: method.label for name, method in METHODS.items()}
+    labels |= {f"graph_no_{part}": f"{METHODS['graph'].label}, {label}" for part, label in LEFT_OUT.items()}
+    return _discrimination(result, {name: labels[name] for name in sorted(rho, key=lambda name: mean(rho[name]))})
+
+
+@of_result("shoes_in_box")
+def discrimination_table(result: Result) -> str:
+    """Rho and its companions, on demonstrations and on whole episodes, means over seeds."""
+    return _discrimination(result, REWARDS)
+
+
+def _discrimination(result: Result, labels: dict[str, str]) -> str:
+    """A row per reward; one that no seed changes lies in the result itself."""
+    columns = [
+        "reward", "rho", "the same of whole episodes", "AUROC", "the same of whole episodes",
+        "rank correlation with time: successes", "failures", "seeds",
+    ]  # fmt: skip
+    rows = []
+    for name, label in labels.items():
+        seeds = [run for run in result["rewards"] if run["reward"] == name]
+        cells = [spread([run[cut][measure] for run in seeds or [result[name]]]) for cut, measure in _MEASURES]
+        rows.append([label, *cells, str(len(seeds) or "-")])
+    return table(columns, rows, where(result))
+
+
+@of_result("shoes_in_box")
+def failures_table(result: Result) -> str:
+    """The same for each kind of failure, for the graph reward w/o robot."""
+    columns = [
+        "kind of failure", "rho", "the same of whole episodes", "the same of the subtasks truly left",
+        "AUROC of whole episodes",
+    ]  # fmt: skip
+    runs = [run for run in result["rewards"] if run["reward"] == "graph"]
+    rows = []
+    for kind, truth in result["true_progress"]["whole_episodes"]["kinds"].items():
+        cuts = {cut: [run[cut]["kinds"][kind] for run in runs] for cut in ("demonstrations", "whole_episodes")}
+        rho = [spread([one["rho"] for one in found]) for found in cuts.values()]
+        auroc = spread([one["auroc"] for one in cuts["whole_episodes"]])
+        rows.append([kind.replace("_", " "), *rho, f"{truth['rho']:.3f}", auroc])
+    return table(columns, rows)
+
+
+@of_result("shoes_in_box")
+def subtasks_table(result: Result) -> str:
+    """How well subtasks are found, by reward and method; F1 on failures too."""
+    columns = [
+        "encoder", "method", "F1 at 1 %", "F1 at 2 %", "F1 at 5 %", "covering", "found, of 3", "F1 at 5 %, failures",
+    ]  # fmt: skip
+    measures = ("f1_at_1%", "f1_at_2%", "f1_at_5%", "covering", "found")
+    rows = []
+    for name, label in REWARDS.items():
+        for method, shown in SUBTASK_METHODS.items():
+            found = [run["stages"][method] for run in result["rewards"] if run["reward"] == name]
+            if found:
+                cells = [spread([one["success"][measure] for one in found]) for measure in measures]
+                failed = spread([mean([v["f1_at_5%"] for k, v in one.items() if k != "success"]) for one in found])
+                rows.append([label, shown, *cells, failed])
+    return table(columns, rows)

@@ -1,0 +1,50 @@
+"""The command line: `graphrl COMMAND`, `python -m graphrl_jax COMMAND`, and `train.py` for `graphrl train`.
+
+This file and `requests.py` import neither JAX nor a command, so that help is fast. A request that cannot be carried out
+(bad file, unknown name, a folder that holds another run) prints one sentence on standard error, exits with code 2 and
+writes nothing. A command that succeeds prints one JSON line on standard output.
+"""
+
+import contextlib
+import importlib
+import json
+import sys
+from typing import Any
+
+import tyro
+
+from graphrl_jax.cli import requests
+
+COMMANDS: dict[str, tuple[type, str]] = {
+    "train": (requests.Train, "train"),
+    "demos": (requests.Demos, "demos"),
+    "import": (requests.Import, "import_recordings"),
+    "pretrain": (requests.Pretrain, "pretrain"),
+    "evaluate": (requests.Evaluate, "evaluate"),
+    "stages": (requests.Stages, "stages"),
+    "sweep": (requests.Sweep, "sweep"),
+}
+"""By name: the request class, and the module in this package with the `run` function of the command."""
+
+
+def main(args: list[str] | None = None) -> None:
+    """Entry point of `graphrl` and `python -m graphrl_jax`."""
+    kinds = {name: request for name, (request, _) in COMMANDS.items()}
+    _carry_out(tyro.extras.subcommand_cli_from_dict(kinds, args=args, prog="graphrl"))
+
+
+def train_main(args: list[str] | None = None) -> None:
+    """Entry point of `train.py`."""
+    _carry_out(tyro.cli(requests.Train, args=args))
+
+
+def _carry_out(request: Any) -> None:
+    try:
+        # Output of libraries, on import or later, is not part of the answer.
+        with contextlib.redirect_stdout(sys.stderr):
+            module = dict(COMMANDS.values())[type(request)]
+            answer = importlib.import_module(f"{__name__}.{module}").run(request)
+    except (ValueError, OSError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        raise SystemExit(2) from None
+    print(json.dumps(answer))

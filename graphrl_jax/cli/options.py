@@ -1,0 +1,85 @@
+"""Options of commands: choices listed in the help, and every field of a config as an optional option."""
+
+import dataclasses
+import typing
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import docstring_parser
+import tyro
+
+_METAVARS = {int: "INT", float: "FLOAT", bool: "{True,False}", str: "STR", tuple[int, ...]: "[INT [INT ...]]"}
+
+
+def choice(names: Iterable[str]) -> Any:
+    """An option that takes one of these names; the code that reads it reports other names."""
+    return tyro.conf.arg(metavar=f"{{{','.join(names)}}}")
+
+
+def optional(metavar: str, default: str) -> Any:
+    """An optional option; the help shows `default` as its default."""
+    return tyro.conf.arg(metavar=metavar, help_behavior_hint=f"(default: {default})")
+
+
+def field_help(kind: type) -> dict[str, str]:
+    """The description of each attribute in a class's docstring."""
+    parsed = docstring_parser.parse(kind.__doc__ or "", style=docstring_parser.DocstringStyle.GOOGLE)
+    return {one.arg_name: " ".join((one.description or "").split()) for one in parsed.params}
+
+
+def overrides(
+    name: str,
+    kinds: Mapping[type, str],
+    left_out: Iterable[str] = (),
+    aliases: Mapping[str, str] | None = None,
+    defaults: Mapping[str, str] | None = None,
+) -> type:
+    """A dataclass with every field of some config classes; fields are None unless given.
+
+    Args:
+      name: name of the new class.
+      kinds: config classes, each with the help text of its defaults; "" shows each field's own default.
+      left_out: fields that are not options.
+      aliases: further names of options, by field.
+      defaults: help texts of defaults, by field, that differ from the text of the class.
+    """
+    aliases, defaults, made = aliases or {}, defaults or {}, []
+    for kind, default in kinds.items():
+        helps, hints = field_help(kind), typing.get_type_hints(kind)
+        for field in dataclasses.fields(kind):
+            if field.name in left_out:
+                continue
+            option = tyro.conf.arg(
+                metavar=_metavar(hints[field.name]),
+                help=helps[field.name],
+                help_behavior_hint=f"(default: {defaults.get(field.name) or default or field.default})",
+                aliases=[aliases[field.name]] if field.name in aliases else None,
+            )
+            made.append((field.name, Annotated[_plain(hints[field.name]) | None, option], None))
+    return dataclasses.make_dataclass(name, made, frozen=True)
+
+
+def asked_for(options: Any) -> dict[str, Any]:
+    """The fields of an `overrides` object that were given."""
+    return {name: value for name, value in vars(options).items() if value is not None}
+
+
+def _plain(hint: Any) -> Any:
+    """The type to read: str for a Literal, because the config reports wrong values in one sentence."""
+    return str if typing.get_origin(hint) is Literal else hint
+
+
+def _metavar(hint: Any) -> str:
+    names = typing.get_args(hint) if typing.get_origin(hint) is Literal else ()
+    return f"{{{','.join(names)}}}" if names else _METAVARS[hint]
+
+
+def refuse_existing(out: Path) -> None:
+    """Refuses to overwrite a file.
+
+    Raises:
+      ValueError: the file exists.
+    """
+    if out.exists():
+        raise ValueError(f"--out {out} exists already; choose another name")

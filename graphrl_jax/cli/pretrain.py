@@ -1,0 +1,40 @@
+"""`graphrl pretrain`: an encoder alone, with its audit; see `requests.Pretrain`."""
+
+from typing import Any
+
+from graphrl_jax import demonstrations, runtime
+from graphrl_jax.cli.options import asked_for
+from graphrl_jax.cli.requests import Pretrain
+from graphrl_jax.experiment.audit import audit_reward
+from graphrl_jax.experiment.experiment import refuse_impossible
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.experiment.settings import as_json, compose
+from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
+from graphrl_jax.progress import Progress
+from graphrl_jax.registry import make_task
+from graphrl_jax.storage import write_json
+
+
+def run(request: Pretrain) -> dict[str, Any]:
+    """Carries the request out."""
+    runtime.configure()
+    demos = demonstrations.load(request.demos)
+    task = make_task(demos.task)
+    settings = compose(
+        task,
+        request.reward,
+        seed=request.seed,
+        demos=str(request.demos),
+        ablations=request.ablate,
+        pretrain=asked_for(request.pretrain),
+    )
+    if settings.method.encoder is None:
+        raise ValueError(f"reward {request.reward!r} has no encoder to train")
+    refuse_impossible(task, settings)
+    run = Run.create(request.out, "pretrain", as_json(settings))
+    job = EncoderJob(run, demos, settings.pretrain, settings.seed)
+    with Progress() as progress:
+        ((model, metrics),) = train_encoders([job], settings.pretrain_config, progress)
+        metrics |= audit_reward(run, task, model, demos, settings.seed)
+    write_json(run.path / "summary.json", {**metrics, "versions": runtime.versions(), "device": runtime.device()})
+    return {"out": str(run.path), **{name: value for name, value in metrics.items() if isinstance(value, float)}}

@@ -1,0 +1,70 @@
+"""`graphrl train`: a whole run; see `requests.Train`."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from graphrl_jax import runtime
+from graphrl_jax.cli.options import asked_for
+from graphrl_jax.cli.requests import Train
+from graphrl_jax.experiment import experiment, sharding
+from graphrl_jax.experiment.experiment import Extent, Member
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.experiment.settings import compose
+from graphrl_jax.progress import Progress
+from graphrl_jax.registry import make_task
+
+SHOWN = ("success_rate", "mean_score", "episodes", "mean_return", "seed")
+
+
+def run(request: Train) -> dict[str, Any]:
+    """Carries the request out."""
+    if request.coordinator is not None or request.processes > 1:
+        request = _joined(request)
+    compile_log = runtime.configure()
+    member = _resumed(request) if request.resume else _started(request)
+    task = make_task(member.settings.task)
+    with Progress() as progress:
+        progress.note(f"run directory: {member.run.path}")
+        extent = Extent(resumed=request.resume)
+        (summary,) = experiment.run([member], task, progress, compile_log, extent)
+    shown = {name: summary[name] for name in SHOWN}
+    return {"out": str(member.run.path), **shown, "wall_s": round(summary["wall_s"], 1)}
+
+
+def _joined(request: Train) -> Train:
+    """Joins the other processes; returns the request with the folder of this process."""
+    for name in ("coordinator", "out"):
+        if getattr(request, name) is None:
+            raise ValueError(f"--{name} is missing; several processes need it")
+    assert request.coordinator is not None and request.out is not None
+    sharding.join(request.coordinator, request.processes, request.process)
+    if request.process == 0:
+        return request
+    return replace(request, out=request.out.with_name(f"{request.out.name}.process_{request.process}"))
+
+
+def _started(request: Train) -> Member:
+    """A new run, validated before anything is written."""
+    task = make_task(request.task)
+    settings = compose(
+        task,
+        request.reward,
+        request.preset or runtime.default_preset(),
+        request.seed,
+        None if request.demos is None else str(request.demos),
+        request.ablate,
+        request.updates,
+        asked_for(request.pretrain),
+        asked_for(request.ppo),
+    )
+    experiment.refuse_impossible(task, settings)
+    out = request.out or Path("runs") / f"{settings.task}_{settings.reward}_{settings.seed}"
+    return Member(Run.start(out, settings), settings)
+
+
+def _resumed(request: Train) -> Member:
+    if request.out is None:
+        raise ValueError("--resume needs --out: the folder of the run to continue")
+    run = Run(request.out)
+    return Member(run, run.settings())

@@ -1,0 +1,65 @@
+"""The audit at the end of every pretraining: the learned reward away from its demonstrations."""
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.experiment.environments import image_drawer
+from graphrl_jax.experiment.keys import RunStage, stage_key
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.experiment.train_encoder import FITTED_SHARE
+from graphrl_jax.reward.discrimination import discrimination
+from graphrl_jax.reward.landscape import Landscape, audit, trajectory_scores
+from graphrl_jax.reward.model import RewardModel, demonstration_rewards
+from graphrl_jax.reward.subtasks import demonstration_subtasks
+from graphrl_jax.storage import write_json
+from graphrl_jax.task import Task
+from graphrl_jax.viz import plots
+
+
+@cache
+def audit_scenes(task: Task, seed: int) -> Landscape:
+    """The scenes of an audit. Cached, because drawing them takes longer than evaluating a reward on them."""
+    return task.landscape(stage_key(seed, RunStage.LANDSCAPE))
+
+
+def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demonstrations, seed: int) -> dict[str, Any]:
+    """Evaluates the reward on unseen scenes and held-out demonstrations, plots it, and finds subtasks.
+
+    Returns:
+      The metrics of the landscape; trajectory_scores; discrimination of successes from failures, if there are failures;
+      subtasks, the metrics of the subtasks of held-out successes, None without true events.
+    """
+    report = audit(model, audit_scenes(task, seed), image_drawer(task, model))
+    plots.landscape(report, run.figures / "landscape.png")
+    held_out = demonstrations.successes().split(FITTED_SHARE, seed)[1]
+    rewards = np.asarray(demonstration_rewards(model, held_out))
+    plots.reward_over_time(
+        rewards,
+        held_out.lengths,
+        held_out.events,
+        held_out.event_names,
+        held_out.frame_rate,
+        run.figures / "reward_on_demonstrations.png",
+        "Learned reward on held-out demonstrations",
+    )
+    metrics = {**report.metrics(), "trajectory_scores": trajectory_scores(model, demonstrations)}
+    if not demonstrations.success.all():
+        metrics["discrimination"] = _discrimination(model, rewards, held_out, demonstrations)
+    found = demonstration_subtasks(model, held_out)
+    write_json(run.path / "subtasks.json", {"method": "rests", **found})
+    return {**metrics, "subtasks": found.get("judged")}
+
+
+def _discrimination(
+    model: RewardModel, rewards: np.ndarray, held_out: Demonstrations, demonstrations: Demonstrations
+) -> dict[str, Any]:
+    """Held-out successes against all failures; successes of the training set would be too easy."""
+    failed = demonstrations.select(~demonstrations.success)
+    return discrimination(
+        np.concatenate([rewards, np.asarray(demonstration_rewards(model, failed))]),
+        np.concatenate([held_out.lengths, failed.lengths]),
+        np.concatenate([held_out.success, failed.success]),
+    )

@@ -1,0 +1,85 @@
+"""Loading of trained rewards and policies from run directories."""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from graphrl_jax.encoder import encoder
+from graphrl_jax.encoder.pooling import PoolingParams
+from graphrl_jax.experiment.environments import environment_of
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.experiment.settings import Settings
+from graphrl_jax.graph import ObjectTable
+from graphrl_jax.pretrain.config import PretrainConfig
+from graphrl_jax.registry import make_task
+from graphrl_jax.reward.model import RewardModel
+from graphrl_jax.rl import ppo
+from graphrl_jax.storage import load_tree
+from graphrl_jax.task import Task
+
+
+class TrainedRun(NamedTuple):
+    """A finished run of `train`: its task, settings, reward parameters and policy parameters."""
+
+    task: Task
+    settings: Settings
+    reward_params: Any
+    policy: Any
+
+
+def load_reward(run: Run, config: PretrainConfig, objects: ObjectTable) -> RewardModel:
+    """The frozen reward saved in a run's directory.
+
+    Raises:
+      StorageError: there is none, or it does not match an encoder of these sizes.
+    """
+
+    def template() -> RewardModel:
+        zero = jnp.zeros((), jnp.float32)
+        params = encoder.init(jax.random.key(0), config.encoder, objects)
+        pooling = PoolingParams(zero, zero, zero, zero, config.persistent)
+        goal = jnp.zeros(config.encoder.embedding, jnp.float32)
+        return RewardModel(params, goal, zero, zero, pooling, config.encoder.image_size)
+
+    return load_tree(run.path / "encoder.npz", jax.eval_shape(template))
+
+
+def load_reward_params(run: Run, settings: Settings, task: Task) -> Any:
+    """The reward parameters of a run of `train`: its `RewardModel`, or tau if no reward is learned.
+
+    Raises:
+      StorageError: see `load_reward`.
+    """
+    if settings.method.encoder is None:
+        return np.float32(settings.pretrain.tau)
+    return load_reward(run, settings.pretrain_config, task.objects)
+
+
+def load_policy(run: Run, task: Task, settings: Settings, reward_params: Any) -> Any:
+    """The policy saved in a run's directory.
+
+    Raises:
+      StorageError: there is none, or it does not match the networks of the settings.
+    """
+    make_env = environment_of(task, settings.reward)
+
+    def template() -> Any:
+        return ppo.policy_params(ppo.init(settings.ppo_config, make_env, reward_params, jax.random.key(0)))
+
+    return load_tree(run.path / "policy.npz", jax.eval_shape(template))
+
+
+def load_run(path: str | Path) -> TrainedRun:
+    """A finished run of `train`, or a member of a sweep, from its folder.
+
+    Raises:
+      RunError, StorageError: the folder holds no such run, or the run is not finished.
+    """
+    run = Run(path)
+    settings = run.settings()
+    task = make_task(settings.task)
+    reward_params = load_reward_params(run, settings, task)
+    return TrainedRun(task, settings, reward_params, load_policy(run, task, settings, reward_params))

@@ -1,0 +1,68 @@
+"""Evaluation of a policy on unseen episodes: metrics, video and plot."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from graphrl_jax.experiment.checkpoints import TrainedRun
+from graphrl_jax.experiment.environments import environment_of
+from graphrl_jax.experiment.keys import RunStage, stage_key
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.rl import rollout
+from graphrl_jax.rl.config import PPOConfig
+from graphrl_jax.viz import plots
+from graphrl_jax.viz.video import write_video
+
+SEED_OFFSET = 1000
+"""Difference between the seed of a run and the seed of its final evaluation."""
+
+
+def evaluate_policy(trained: TrainedRun, episodes: int, seed: int) -> dict[str, Any]:
+    """Computes success rate, mean score and mean return of the deterministic policy over unseen episodes."""
+    outcomes = rollout.evaluate(
+        _config(trained),
+        environment_of(trained.task, trained.settings.reward),
+        trained.reward_params,
+        trained.policy,
+        stage_key(seed, RunStage.EVALUATION),
+        episodes,
+    )
+    return {
+        "success_rate": float(jnp.mean(outcomes["success"])),
+        "mean_score": float(jnp.mean(outcomes["score"])),
+        "episodes": episodes,
+        "mean_return": float(jnp.mean(outcomes["episode_return"])),
+        "seed": seed,
+    }
+
+
+def show_policy(run: Run, trained: TrainedRun, episodes: int, seed: int, video: Path) -> None:
+    """Writes the video of a few episodes and the plot of their rewards."""
+    task, settings = trained.task, trained.settings
+    recorded = rollout.record(
+        task,
+        _config(trained),
+        environment_of(task, settings.reward),
+        trained.reward_params,
+        trained.policy,
+        stage_key(seed, RunStage.RECORDING),
+        episodes,
+    )
+    write_video(rollout.draw_rollout(task, recorded), video, task.frame_rate)
+    plots.reward_over_time(
+        recorded.rewards,
+        np.full(len(recorded.rewards), recorded.rewards.shape[1]),
+        recorded.events,
+        task.event_names,
+        task.frame_rate,
+        run.figures / "reward_on_rollouts.png",
+        f"Reward ({settings.reward}) on the policy's own episodes",
+    )
+
+
+def _config(trained: TrainedRun) -> PPOConfig:
+    """The run's PPO configuration with the task's full episode length."""
+    return replace(trained.settings.ppo_config, episode_length=trained.task.episode_length)

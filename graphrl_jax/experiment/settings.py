@@ -1,0 +1,185 @@
+"""All settings of a run: composed from defaults, preset, task, method and request, and stored as JSON."""
+
+import math
+import typing
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from typing import Any
+
+from graphrl_jax.experiment.methods import ABLATIONS, Method, method_named
+from graphrl_jax.experiment.presets import PRESETS, Preset
+from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
+from graphrl_jax.rl.config import PPOConfig, PPOHyper
+from graphrl_jax.task import Task
+
+
+@dataclass(frozen=True)
+class Settings:
+    """Complete settings of a run, made by `compose`; fields that were not requested have their defaults.
+
+    Attributes:
+      task: registered name.
+      reward: name of a row in `methods.METHODS`.
+      preset: name of the preset that the sizes are based on.
+      seed: source of all randomness.
+      demos: path of a demonstration file, or None for expert demonstrations.
+      demonstrations: number of expert demonstrations; the audit adds a quarter as many failures.
+      updates: PPO updates.
+      updates_per_chunk: updates per compiled call; checkpoints and log lines are written once per chunk.
+      episodes: episodes of the final evaluation.
+      pretrain_config: sizes of pretraining.
+      pretrain: floats of pretraining.
+      ppo_config: sizes of PPO.
+      ppo: floats of PPO.
+
+    Raises:
+      ValueError: a value that is not allowed; the message names the field.
+    """
+
+    task: str
+    reward: str
+    preset: str
+    seed: int
+    demos: str | None
+    demonstrations: int
+    updates: int
+    updates_per_chunk: int
+    episodes: int
+    pretrain_config: PretrainConfig
+    pretrain: PretrainHyper
+    ppo_config: PPOConfig
+    ppo: PPOHyper
+
+    def __post_init__(self) -> None:
+        method_named(self.reward)
+        for name in ("demonstrations", "updates", "updates_per_chunk", "episodes"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}; allowed: 1 or more")
+        for group in ("pretrain", "ppo"):
+            for name, value in asdict(getattr(self, group)).items():
+                if not math.isfinite(value):
+                    raise ValueError(f"{group}.{name} is {value}; allowed: finite numbers")
+
+    @property
+    def method(self) -> Method:
+        """The row of the reward in `methods.METHODS`."""
+        return method_named(self.reward)
+
+    @property
+    def image_size(self) -> int | None:
+        """Edge of the reward's input images in pixels; None without images."""
+        return self.pretrain_config.encoder.image_size
+
+
+def compose(
+    task: Task,
+    reward: str = "graph",
+    preset: str = "cpu",
+    seed: int = 0,
+    demos: str | None = None,
+    ablations: Sequence[str] = (),
+    updates: int | None = None,
+    pretrain: Mapping[str, Any] | None = None,
+    ppo: Mapping[str, Any] | None = None,
+) -> Settings:
+    """Settings of a run. Requested values override those of the method, then of the task, then of the preset.
+
+    Args:
+      task: task of the run.
+      reward: name of a row in `methods.METHODS`.
+      preset: name in `presets.PRESETS`.
+      seed: source of all randomness.
+      demos: path of a demonstration file, or None.
+      ablations: names in `methods.ABLATIONS`.
+      updates: PPO updates; default: the preset's.
+      pretrain: requested values of `PretrainHyper` and `PretrainConfig` fields.
+      ppo: requested values of `PPOHyper` and `PPOConfig` fields.
+
+    Raises:
+      ValueError: an unknown name, a value that is not allowed, or a request that does not affect this reward.
+    """
+    method, pretrain, ppo = method_named(reward), dict(pretrain or {}), dict(ppo or {})
+    if preset not in PRESETS:
+        raise ValueError(f"unknown preset {preset!r}; known presets: {', '.join(PRESETS)}")
+    sizes = PRESETS[preset]
+    updates = sizes.updates if updates is None else updates
+    floats, config_fields = _of(PretrainHyper, pretrain), _of(PretrainConfig, pretrain)
+    ablated = _ablated_floats(reward, method, ablations)
+    for name in floats:
+        if name not in method.floats:
+            raise ValueError(
+                f"pretrain.{name} changes nothing about reward {reward}; allowed: {', '.join(method.floats)}"
+            )
+        if name in ablated:
+            raise ValueError(f"pretrain.{name} is asked for, but an ablation of {', '.join(ablations)} sets it")
+    episode = {"episode_length": task.episode_length}
+    decay = {"decay_updates": float(updates)}
+    return Settings(
+        task=task.name,
+        reward=reward,
+        preset=preset,
+        seed=seed,
+        demos=demos,
+        demonstrations=sizes.demonstrations,
+        updates=updates,
+        updates_per_chunk=sizes.updates_per_chunk,
+        episodes=sizes.episodes,
+        pretrain_config=replace(_pretrain_config(sizes, method, ablations), **config_fields),
+        pretrain=PretrainHyper(**{**task.pretrain_overrides, **method.overrides, **ablated, **floats}),
+        ppo_config=replace(sizes.ppo, **episode | _of(PPOConfig, ppo)),
+        ppo=PPOHyper(**decay | _of(PPOHyper, ppo)),
+    )
+
+
+def _pretrain_config(sizes: Preset, method: Method, ablations: Sequence[str]) -> PretrainConfig:
+    """The preset's sizes with the method's encoder and the ablations."""
+    if method.encoder is None:
+        return sizes.pretrain["graphs"]
+    config = sizes.pretrain[method.needs]
+    left_out = [ABLATIONS[name] for name in ablations]
+    encoder = replace(config.encoder, kind=method.encoder, edges=all(one.edges for one in left_out))
+    return replace(config, encoder=encoder, persistent=all(one.persistent for one in left_out))
+
+
+def _ablated_floats(reward: str, method: Method, ablations: Sequence[str]) -> dict[str, float]:
+    """Floats that ablations set, after a check that all ablations are known and affect the reward."""
+    floats: dict[str, float] = {}
+    for name in ablations:
+        if name not in ABLATIONS:
+            raise ValueError(f"unknown ablation {name!r}; known ablations: {', '.join(ABLATIONS)}")
+        if name not in method.ablations:
+            raise ValueError(f"ablation {name!r} changes nothing about reward {reward!r}")
+        floats |= ABLATIONS[name].floats
+    return floats
+
+
+def _of(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The values that are fields of `kind`."""
+    return {one.name: values[one.name] for one in fields(kind) if one.name in values}
+
+
+def as_json(settings: Settings) -> dict[str, Any]:
+    """Settings as a dict for JSON."""
+    return asdict(settings)
+
+
+def from_json(values: Mapping[str, Any]) -> Settings:
+    """The inverse of `as_json`.
+
+    Raises:
+      ValueError: a field is missing, unknown, or has a value that is not allowed; the message names it.
+    """
+    return _built(Settings, values, "")
+
+
+def _built(kind: type, values: Mapping[str, Any], prefix: str) -> Any:
+    """A dataclass from JSON, nested dataclasses included."""
+    kinds = typing.get_type_hints(kind)
+    for name in sorted(values.keys() ^ kinds.keys()):
+        raise ValueError(f"settings: {prefix}{name} is {'missing' if name in kinds else 'unknown'}")
+    made = {}
+    for name, value in values.items():
+        if is_dataclass(kinds[name]):
+            value = _built(kinds[name], value, f"{prefix}{name}.")
+        made[name] = tuple(value) if isinstance(value, list) else value
+    return kind(**made)

@@ -1,0 +1,7 @@
+"""Names shared by commands and importers. Plain Python, so that commands start without JAX."""
+
+from typing import Literal, get_args
+
+Format = Literal["magical", "video", "frames", "coco", "yolo", "corners"]
+FORMATS: tuple[str, ...] = get_args(Format)
+"""Formats of recordings, in the order in which a source is checked for them."""

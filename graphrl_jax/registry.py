@@ -1,0 +1,26 @@
+"""Tasks by name. Installed packages register them in the entry point group `graphrl_jax.tasks`."""
+
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from graphrl_jax.task import Task
+
+ENTRY_POINT_GROUP = "graphrl_jax.tasks"
+
+
+def task_names() -> list[str]:
+    """Sorted names of all registered tasks; no task is imported."""
+    return sorted({point.name for point in entry_points(group=ENTRY_POINT_GROUP)})
+
+
+def make_task(name: str) -> "Task":
+    """Builds a registered task.
+
+    Raises:
+      ValueError: no task has this name; the message lists the known tasks.
+    """
+    points = entry_points(group=ENTRY_POINT_GROUP, name=name)
+    if not points:
+        raise ValueError(f"unknown task {name!r}; known tasks: {', '.join(task_names()) or 'none'}")
+    return next(iter(points)).load()()

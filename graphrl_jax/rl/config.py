@@ -1,0 +1,87 @@
+"""Configuration of PPO: sizes are static (`PPOConfig`), floats are traced (`PPOHyper`).
+
+Plain Python, so that commands start without JAX.
+"""
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+Activation = Literal["elu", "gelu", "leaky_relu", "linear", "relu", "selu", "sigmoid", "softplus", "swish", "tanh"]
+"""Brax's names of activations."""
+ACTIVATIONS: tuple[str, ...] = get_args(Activation)
+
+
+@dataclass(frozen=True)
+class PPOConfig:
+    """Sizes and structure of the PPO program, static and hashable.
+
+    Attributes:
+      num_envs: B, environments stepped together.
+      unroll_length: T, steps per environment and update.
+      num_epochs: passes over an update's data.
+      num_minibatches: gradient steps per pass; each uses whole unrolls of B / num_minibatches environments.
+      episode_length: steps until an episode is truncated.
+      policy_hidden: widths of the policy's hidden layers.
+      value_hidden: widths of the value network's hidden layers.
+      activation: activation of the hidden layers of both networks.
+      normalise_reward: divide the reward by the running standard deviation of the discounted returns.
+      stagger_episodes: start the first episodes at random step counts.
+
+    Raises:
+      ValueError: a field is not positive, B is not a multiple of num_minibatches, or the activation is unknown.
+    """
+
+    num_envs: int = 1024
+    unroll_length: int = 16
+    num_epochs: int = 4
+    num_minibatches: int = 16
+    episode_length: int = 120
+    policy_hidden: tuple[int, ...] = (128, 128)
+    value_hidden: tuple[int, ...] = (128, 128)
+    activation: Activation = "tanh"
+    normalise_reward: bool = True
+    stagger_episodes: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("num_envs", "unroll_length", "num_epochs", "num_minibatches", "episode_length"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} is {getattr(self, name)}; allowed: 1 or more")
+        if self.num_envs % self.num_minibatches:
+            allowed = f"a multiple of num_minibatches ({self.num_minibatches})"
+            raise ValueError(f"num_envs is {self.num_envs}; allowed: {allowed}")
+        if self.activation not in ACTIVATIONS:
+            raise ValueError(f"activation is {self.activation!r}; allowed: {', '.join(ACTIVATIONS)}")
+
+    @property
+    def steps_per_update(self) -> int:
+        """Environment steps per update, B x T."""
+        return self.num_envs * self.unroll_length
+
+
+@dataclass(frozen=True)
+class PPOHyper:
+    """Hyperparameters that need no recompilation: floats, or () float32 arrays inside a program.
+
+    Attributes:
+      learning_rate: Adam's step size at the first update.
+      final_learning_rate: step size after `decay_updates` updates; linear in between, constant afterwards.
+      decay_updates: updates over which the learning rate falls.
+      discount: gamma, per step.
+      gae_lambda: lambda of the generalised advantage estimate.
+      clip: clipping range of the probability ratio around 1.
+      entropy_cost: weight of the entropy bonus.
+      value_cost: weight of the value loss (Brax's `vf_coefficient`, which Brax halves once more).
+      max_grad_norm: global norm to which the gradient is clipped.
+      reward_scaling: factor on the reward, after its normalisation.
+    """
+
+    learning_rate: float = 1e-3
+    final_learning_rate: float = 3e-4
+    decay_updates: float = 100.0
+    discount: float = 0.98
+    gae_lambda: float = 0.95
+    clip: float = 0.2
+    entropy_cost: float = 0.01
+    value_cost: float = 0.5
+    max_grad_norm: float = 0.5
+    reward_scaling: float = 1.0

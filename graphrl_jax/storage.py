@@ -1,0 +1,127 @@
+"""Storage: atomic writes, JSON, and pytrees by key path."""
+
+import json
+import os
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+VERSION = 2
+"""Version of the pytree format. Version 1 named leaves by their position."""
+_VERSION_ENTRY, _ROOT = "version", "tree"
+
+
+class StorageError(ValueError):
+    """A file cannot be read as requested; the message is one sentence that names the file."""
+
+
+def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
+    """Calls `write` on a temporary file next to `path`, then renames it. Missing folders are created."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
+    try:
+        write(temporary)
+        os.replace(temporary, path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def write_arrays(path: Path, arrays: dict[str, Any]) -> None:
+    """Writes named arrays as one compressed .npz file at exactly `path`, atomically."""
+
+    def write(temporary: Path) -> None:
+        # An open file, not a name: NumPy would append .npz to the name.
+        with temporary.open("wb") as file:
+            np.savez_compressed(file, **arrays)
+
+    write_atomically(path, write)
+
+
+def write_json(path: Path, value: Any) -> None:
+    """Writes `value` as indented JSON, atomically."""
+    write_atomically(path, lambda temporary: temporary.write_text(json.dumps(value, indent=2) + "\n"))
+
+
+def read_json(path: Path) -> Any:
+    """Reads a JSON file.
+
+    Raises:
+      StorageError: the file is missing or is not JSON.
+    """
+    try:
+        return json.loads(path.read_text())
+    except FileNotFoundError:
+        raise StorageError(f"{path} is missing: {path.parent} holds no run, or one that has not got that far") from None
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise StorageError(f"{path} cannot be read as JSON: {error}") from None
+
+
+def save_tree(path: Path, tree: Any) -> None:
+    """Saves a pytree as a compressed .npz file: every leaf, typed keys included, under its key path."""
+    leaves = jax.tree_util.tree_leaves_with_path(tree)
+    arrays = {_entry(key_path): _to_numpy(leaf) for key_path, leaf in leaves}
+    write_arrays(path, {_VERSION_ENTRY: np.int32(VERSION), **arrays})
+
+
+def load_tree(path: Path, like: Any) -> Any:
+    """Loads a file written by `save_tree` into the structure of `like` (arrays or shapes).
+
+    Raises:
+      StorageError: the file is missing, damaged or of another version, or its leaves differ from those of `like` in
+        name, shape or dtype; the message names the leaf.
+    """
+    leaves, structure = jax.tree_util.tree_flatten_with_path(like)
+    wanted = {_entry(key_path): leaf for key_path, leaf in leaves}
+    arrays = _read_arrays(path)
+    for name in sorted(wanted.keys() - arrays.keys()):
+        raise StorageError(f"{path} lacks {name}, which this program needs")
+    for name in sorted(arrays.keys() - wanted.keys()):
+        raise StorageError(f"{path} holds {name}, which this program does not know")
+    return jax.tree.unflatten(structure, [_from_numpy(path, name, arrays[name], leaf) for name, leaf in wanted.items()])
+
+
+def is_key(leaf: Any) -> bool:
+    """Whether a leaf holds typed random keys."""
+    return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+
+
+def _entry(key_path: tuple[Any, ...]) -> str:
+    """Name of a leaf in a file, such as tree/params/head/0/weight."""
+    return "/".join([_ROOT, *([jax.tree_util.keystr(key_path, simple=True, separator="/")] if key_path else [])])
+
+
+def _read_arrays(path: Path) -> dict[str, np.ndarray]:
+    """All leaves of a file by name, after a check of its version."""
+    try:
+        # Opened here, because NumPy does not close a file that it cannot read.
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
+            arrays = {name: file[name] for name in file.files}
+    except FileNotFoundError:
+        raise StorageError(f"{path} is missing") from None
+    except Exception as error:  # numpy and zipfile raise half a dozen types for a damaged file
+        raise StorageError(f"{path} is damaged or no checkpoint: {error}") from None
+    version = arrays.pop(_VERSION_ENTRY, None)
+    if version is None or version.shape != () or version != VERSION:
+        raise StorageError(f"{path} has format version {version}; this release reads version {VERSION} only")
+    return arrays
+
+
+def _to_numpy(leaf: Any) -> np.ndarray:
+    leaf = jnp.asarray(leaf)
+    return np.asarray(jax.random.key_data(leaf) if is_key(leaf) else leaf)
+
+
+def _from_numpy(path: Path, name: str, array: np.ndarray, like: Any) -> jax.Array:
+    """One leaf, after a check of its shape and dtype against `like`."""
+    key = is_key(like)
+    expected = jax.eval_shape(jax.random.key_data, like) if key else like
+    if array.shape != expected.shape or array.dtype != expected.dtype:
+        raise StorageError(
+            f"{path}: {name} is {array.dtype}{list(array.shape)}, but this program needs "
+            f"{expected.dtype}{list(expected.shape)}"
+        )
+    return jax.random.wrap_key_data(jnp.asarray(array)) if key else jnp.asarray(array)

@@ -1,0 +1,44 @@
+"""`graphrl demos`."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from graphrl_jax import cli
+from graphrl_jax.demonstrations import load
+from tests.helpers.commands import call, rejected
+
+pytestmark = pytest.mark.usefixtures("outside_package")
+
+
+def test_a_command_prints_nothing_but_its_line(tmp_path):
+    """In a process of its own: what libraries print while they are imported counts too."""
+    command = [sys.executable, "-m", "graphrl_jax", "demos", "--task", "carry", "--out", tmp_path / "demos.npz"]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert json.loads(printed)["demonstrations"] == 64
+
+
+def test_successes_and_failures_are_written(demos_file):
+    demos = load(demos_file)
+    assert (len(demos), int(demos.success.sum()), demos.task) == (8, 6, "carry")
+
+
+def test_images_are_kept_on_request(tmp_path):
+    file = tmp_path / "demos.npz"
+    call(cli.main, "demos", "--task", "carry", "--num", 2, "--images", 8, "--out", file)
+    assert load(file).images(8).shape == (2, 30, 8, 8, 3)
+
+
+def test_demonstrations_are_not_overwritten(capsys, demos_file):
+    before = demos_file.read_bytes()
+    message = rejected(capsys, ["demos", "--task", "carry", "--out", demos_file], main=cli.main)
+    assert str(demos_file) in message and demos_file.read_bytes() == before
+
+
+@pytest.mark.parametrize("option, least", [("num", 1), ("failures", 0), ("images", 1)])
+def test_too_few_are_one_sentence(capsys, tmp_path, option, least):
+    arguments = ["demos", "--task", "carry", f"--{option}", least - 1, "--out", tmp_path / "demos.npz"]
+    assert f"--{option} is {least - 1}; allowed: {least} or more" in rejected(capsys, arguments, main=cli.main)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,33 @@
+"""`graphrl stages`: subtasks of demonstrations."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from graphrl_jax import cli
+from graphrl_jax.demonstrations import load
+from graphrl_jax.reward.config import SUBTASK_METHODS
+from tests.helpers.commands import call, rejected
+
+pytestmark = pytest.mark.usefixtures("outside_package")
+
+
+@pytest.mark.parametrize("method", SUBTASK_METHODS)
+def test_subtasks_of_demonstrations_without_labels(demos_file, tmp_path, finished, method):
+    bare = replace(load(demos_file), events=None, event_names=(), kinds=None)
+    file, out = tmp_path / "bare.npz", tmp_path / "subtasks.json"
+    bare.save(file)
+    printed = call(cli.main, "stages", finished, "--demos", file, "--method", method, "--out", out)
+    assert printed == {"out": str(out), "demonstrations": len(bare)}
+    rows = json.loads(out.read_text())["subtasks"]
+    assert [row["length"] for row in rows] == bare.lengths.tolist()
+    for row in rows:
+        assert all(0 < frame < row["length"] for frame in row["boundaries"])
+        np.testing.assert_allclose(np.array(row["seconds"]) * bare.frame_rate, row["boundaries"])
+
+
+def test_an_unknown_way_to_find_subtasks_is_one_sentence(capsys, demos_file, finished):
+    message = rejected(capsys, ["stages", finished, "--demos", demos_file, "--method", "guess"], cli.main)
+    assert "'guess'" in message and "change_points" in message

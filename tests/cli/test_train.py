@@ -1,0 +1,112 @@
+"""`graphrl train`: what it refuses in one sentence, and that every learned reward trains like any other."""
+
+import json
+
+import numpy as np
+import pytest
+
+from graphrl_jax import cli
+from graphrl_jax.experiment.methods import ABLATIONS
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.experiment.settings import compose
+from graphrl_jax.registry import make_task
+from tests.helpers.commands import TRAIN, arrays, call, contents, rejected
+
+pytestmark = pytest.mark.usefixtures("outside_package")
+
+
+@pytest.mark.parametrize(
+    "arguments, names",
+    [
+        (["--task", "juggling"], ["'juggling'", "match_regions"]),
+        (["--reward", "money"], ["'money'", "graph_with_robot"]),
+        (["--preset", "huge"], ["'huge'", "smoke"]),
+        (["--updates", "0"], ["updates is 0", "1 or more"]),
+        (["--demos", "nowhere.npz"], ["nowhere.npz"]),
+        (["--resume"], ["--out"]),
+        (["--ablate", "colour"], ["'colour'", "persistence"]),
+        (["--reward", "env", "--alpha", "2"], ["pretrain.alpha", "reward env"]),
+        (["--tcc", "cubic"], ["tcc_loss is 'cubic'", "regression_mse"]),
+        (["--ppo.num-envs", "5"], ["num_envs is 5", "num_minibatches"]),
+        (["--coordinator", "localhost:1", "--processes", "2"], ["--out"]),
+        (["--processes", "2", "--out", "run"], ["--coordinator"]),
+    ],
+)
+def test_a_wrong_request_is_one_sentence(capsys, monkeypatch, tmp_path, arguments, names):
+    monkeypatch.chdir(tmp_path)
+    message = rejected(capsys, arguments)
+    assert all(name in message for name in names), message
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("damage", ["truncated", "version", "nan"])
+def test_a_wrong_demonstration_file_is_one_sentence(capsys, tmp_path, demos_file, damage):
+    file, out = tmp_path / "demos.npz", tmp_path / "run"
+    if damage == "truncated":
+        file.write_bytes(demos_file.read_bytes()[:-200])
+        field = "demos.npz"
+    else:
+        field, value = {"version": ("version", np.int32(99)), "nan": ("boxes", np.nan)}[damage]
+        fields = arrays(demos_file)
+        fields[field] = np.full_like(fields[field], value)
+        np.savez(file, **fields)
+    assert field in rejected(capsys, ["--demos", file, "--out", out])
+    assert not out.exists()
+
+
+def test_demonstrations_of_another_task_are_refused(capsys, tmp_path, demos_file):
+    message = rejected(capsys, ["--task", "match_regions", "--demos", demos_file, "--out", tmp_path / "run"])
+    assert str(demos_file) in message and "'block'" in message and not (tmp_path / "run").exists()
+
+
+def test_a_folder_that_holds_another_run_is_left_alone(capsys, tmp_path):
+    run = Run.start(tmp_path / "run", compose(make_task("carry"), preset="smoke"))
+    run.log({"stage": "ppo", "update": 2})
+    before = contents(run.path)
+    assert str(run.path) in rejected(capsys, [*TRAIN, "--out", run.path])
+    assert contents(run.path) == before
+
+
+def test_a_run_of_an_older_release_is_refused_with_one_sentence(capsys, tmp_path):
+    (tmp_path / "config.json").write_text(json.dumps({"command": "train", "version": 1, "seed": 0}))
+    message = rejected(capsys, ["--out", tmp_path, "--resume"])
+    assert "version 1" in message and "version 2" in message
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [["--reward", "graphirl"], ["--reward", "xirl"], ["--ablate", *ABLATIONS, "--tcc", "classification"]],
+)
+def test_each_trains_is_evaluated_and_resumed_like_any_other(tmp_path, arguments):
+    out = tmp_path / "run"
+    call(cli.train_main, *TRAIN, *arguments, "--out", out)
+    config = json.loads((out / "config.json").read_text())
+    assert config["reward"] == (arguments[1] if arguments[0] == "--reward" else "graph")
+    # As many as at the end of the training: that program serves again.
+    outcome = call(cli.main, "evaluate", out, "--episodes", "16", "--video-episodes", "0")
+    assert outcome["episodes"] == 16
+    again = call(cli.train_main, "--out", out, "--resume")
+    assert again["episodes"] == json.loads((out / "summary.json").read_text())["episodes"]
+    found = call(cli.main, "stages", out, "--demos", out / "demonstrations.npz")
+    assert found["demonstrations"] == 10
+
+
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["--task", "shoes_in_box"], "task shoes_in_box draws no images inside a program"),
+        (["--task", "carry", "--ablate", "edges"], "ablation 'edges' changes nothing about reward 'xirl'"),
+    ],
+)
+def test_what_cannot_be_seen_is_refused_before_anything_is_written(capsys, tmp_path, arguments, message):
+    out = tmp_path / "run"
+    assert message in rejected(capsys, ["--preset", "smoke", "--reward", "xirl", *arguments, "--out", out])
+    assert not out.exists()
+
+
+def test_demonstrations_need_images_of_the_size_that_is_looked_at(capsys, tmp_path):
+    out, file = tmp_path / "run", tmp_path / "demos.npz"
+    call(cli.main, "demos", "--task", "carry", "--num", "4", "--images", "16", "--out", file)
+    message = rejected(capsys, [*TRAIN, "--reward", "xirl", "--demos", file, "--out", out])
+    assert "frames must be images of 32 x 32 pixels, got those of 16 x 16" in message
+    assert not out.exists()

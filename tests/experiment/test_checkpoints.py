@@ -1,0 +1,91 @@
+"""The released runs fit the code beside them: `graphrl evaluate checkpoints/NAME` works, with the trained weights."""
+
+import itertools
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import jax
+import numpy as np
+import pytest
+
+from graphrl_jax.experiment.checkpoints import load_reward, load_run
+from graphrl_jax.experiment.evaluation import evaluate_policy
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.graph import build_graph
+from graphrl_jax.registry import make_task
+from graphrl_jax.reward.model import RewardModel
+from graphrl_jax.storage import StorageError
+
+CHECKPOINTS = Path(__file__).parents[2] / "checkpoints"
+RELEASED = sorted(CHECKPOINTS.iterdir())
+GRAPH_RUN = Run(CHECKPOINTS / "match_regions_graph")
+GOLDEN = json.loads((Path(__file__).parent / "golden" / "match_regions_graph.json").read_text())
+"""Graphs of worlds arranged by hand, from the start to both targets placed, and the released reward of each."""
+REWARDS = np.array([world["reward"] for world in GOLDEN.values()])
+
+
+@pytest.mark.parametrize("folder", RELEASED, ids=lambda folder: folder.name)
+def test_a_released_run_loads_and_is_small(folder):
+    trained = load_run(folder)
+    assert trained.task.name == "match_regions"
+    assert f"{trained.settings.task}_{trained.settings.reward}" == folder.name
+    assert sum(file.stat().st_size for file in folder.rglob("*")) < 2e6
+
+
+@pytest.fixture(scope="module")
+def released() -> RewardModel:
+    """The released reward."""
+    settings = GRAPH_RUN.settings()
+    return load_reward(GRAPH_RUN, settings.pretrain_config, make_task(settings.task).objects)
+
+
+@pytest.fixture(scope="module")
+def rewards_of() -> Callable[[RewardModel], np.ndarray]:
+    """Rewards of all worlds under a model."""
+    objects = make_task("match_regions").objects
+    seen = [np.array([world[name] for world in GOLDEN.values()]) for name in ("boxes", "mask", "active")]
+    graphs = jax.vmap(lambda *frame: build_graph(objects, *frame))(seen[0].astype(np.float32), *seen[1:])
+    return jax.jit(lambda model: jax.vmap(model.apply)(graphs))
+
+
+def agrees(rewards: np.ndarray) -> bool:
+    """Whether these are the released rewards."""
+    return np.allclose(rewards, REWARDS, rtol=0.0, atol=1e-4)
+
+
+def test_the_released_reward_is_the_one_that_was_trained(released, rewards_of):
+    np.testing.assert_allclose(rewards_of(released), REWARDS, rtol=0.0, atol=1e-4)
+    placed = {name: world["reward"] for name, world in GOLDEN.items()}
+    assert placed["nothing moved"] < placed["star half way"] < placed["star placed"] < placed["both placed"]
+
+
+def test_permuted_weights_are_not_the_released_reward(released, rewards_of):
+    leaves, structure = jax.tree.flatten(released.params)
+    swapped = 0
+    for i, j in itertools.combinations(range(len(leaves)), 2):
+        if leaves[i].ndim == 2 and leaves[i].shape == leaves[j].shape:
+            permuted = list(leaves)
+            permuted[i], permuted[j] = leaves[j], leaves[i]
+            assert not agrees(rewards_of(replace(released, params=jax.tree.unflatten(structure, permuted)))), (i, j)
+            swapped += 1
+    assert swapped > 50
+
+
+def test_a_checkpoint_of_other_sizes_is_refused_by_the_name_of_a_leaf(tmp_path):
+    settings = GRAPH_RUN.settings()
+    config = settings.pretrain_config
+    wider = replace(config, encoder=replace(config.encoder, hidden=2 * config.encoder.hidden))
+    objects = make_task(settings.task).objects
+    with pytest.raises(StorageError, match=r"encoder.npz: tree/params/\S+ is float32\["):
+        load_reward(GRAPH_RUN, wider, objects)
+    with pytest.raises(StorageError, match="encoder.npz is missing"):
+        load_reward(Run(tmp_path), config, objects)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("folder", RELEASED, ids=lambda folder: folder.name)
+def test_a_released_policy_solves_every_unseen_episode(folder):
+    outcome = evaluate_policy(load_run(folder), episodes=32, seed=7)
+    assert (outcome["success_rate"], outcome["mean_score"]) == (1.0, 1.0)

@@ -1,0 +1,68 @@
+"""Whole runs on a task that lives in a package outside the repository: what they leave, and that they go on."""
+
+import json
+import signal
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from graphrl_jax import cli
+from tests.helpers.commands import TRAIN, arrays, call, finished_run, numbers
+
+pytestmark = pytest.mark.usefixtures("outside_package")
+
+# Dies without a word as soon as the file named first has been written.
+DIES_AFTER = """
+import os, signal, sys
+from graphrl_jax import cli
+from graphrl_jax.experiment import train_encoder, train_policy
+save = train_policy.save_tree
+def save_and_die(path, tree):
+    save(path, tree)
+    if path.name == sys.argv[1]:
+        os.kill(os.getpid(), signal.SIGKILL)
+train_encoder.save_tree = train_policy.save_tree = save_and_die
+cli.train_main(sys.argv[2:])
+"""
+
+
+@pytest.fixture(scope="module")
+def finished(outside_package, tmp_path_factory):
+    """A run that was never interrupted."""
+    return finished_run(tmp_path_factory.getbasetemp())
+
+
+def test_a_run_directory_holds_everything(finished):
+    files = {str(path.relative_to(finished)) for path in finished.rglob("*") if path.is_file()}
+    assert files == {
+        "config.json", "metrics.jsonl", "summary.json", "demonstrations.npz", "encoder.npz", "encoder.json",
+        "subtasks.json", "policy.npz", "train_state.npz", "rollout.mp4", "figures/learning_curve.png",
+        "figures/landscape.png", "figures/reward_on_demonstrations.png", "figures/reward_on_rollouts.png",
+    }  # fmt: skip
+    summary = json.loads((finished / "summary.json").read_text())
+    for name in ("success_rate", "mean_score", "mean_return", "env_steps", "wall_s", "compile_s", "train_steps_per_s"):
+        assert np.isfinite(summary[name]), name
+    for name in ("kendall_tau", "pair_accuracy", "finished_above_unfinished", "maxima_inside"):
+        assert np.isfinite(summary["encoder"][name]), name
+    assert {"jax", "brax", "mujoco-mjx", "python"} <= summary["versions"].keys()
+    assert summary["env_steps"] == 4 * 64 * 8
+    records = [json.loads(line) for line in (finished / "metrics.jsonl").read_text().splitlines()]
+    policy_records = [record for record in records if record["stage"] == "ppo"]
+    assert [record["update"] for record in policy_records] == [2, 4]
+    assert {"env_reward", "learned_reward", "distance", "success"} <= policy_records[0].keys()
+
+
+@pytest.mark.parametrize("file", ["encoder.npz", "train_state.npz"])
+def test_a_killed_run_resumes_to_the_same_numbers(finished, tmp_path, file):
+    out = tmp_path / "killed"
+    killed = subprocess.run([sys.executable, "-c", DIES_AFTER, file, *TRAIN, "--out", out], stderr=subprocess.PIPE)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    assert not (out / "summary.json").exists()
+    call(cli.train_main, "--out", out, "--resume")
+    assert numbers(out) == numbers(finished)
+    expected, found = arrays(finished / "train_state.npz"), arrays(out / "train_state.npz")
+    assert expected.keys() == found.keys()
+    for name, array in expected.items():
+        np.testing.assert_array_equal(found[name], array, err_msg=name)

@@ -1,0 +1,100 @@
+"""Settings: what goes over what, and that JSON keeps all of them."""
+
+import json
+import math
+
+import pytest
+
+from graphrl_jax.experiment.methods import METHODS
+from graphrl_jax.experiment.presets import PRESETS
+from graphrl_jax.experiment.settings import as_json, compose, from_json
+from graphrl_jax.registry import make_task
+
+pytestmark = pytest.mark.usefixtures("outside_package")
+
+
+@pytest.fixture(scope="module")
+def carry(outside_package):
+    return make_task("carry")
+
+
+def test_settings_say_what_is_left_out(carry):
+    graphirl = compose(carry, "graphirl").pretrain
+    assert (graphirl.alpha, graphirl.reconstruction_weight) == (1, 0)
+    assert (graphirl.suppress_robot, graphirl.robot_messages) == (1, 0)
+    with_robot = compose(carry, "graphirl_with_robot").pretrain
+    assert (with_robot.suppress_robot, with_robot.robot_messages, with_robot.alpha) == (0, 1, 1)
+    ablated = compose(carry, "graph", ablations=("activity", "reconstruction")).pretrain
+    assert (ablated.alpha, ablated.reconstruction_weight, ablated.suppress_robot) == (1, 0, 1)
+    assert compose(carry, "graphirl").pretrain_config.encoder.kind == "interaction"
+    assert not compose(carry, ablations=("edges",)).pretrain_config.encoder.edges
+    assert not compose(carry, ablations=("persistence",)).pretrain_config.persistent
+    assert compose(carry, pretrain={"tcc_loss": "classification"}).pretrain_config.tcc_loss == "classification"
+    with pytest.raises(ValueError, match="'robot'; known ablations: reconstruction, activity, persistence, edges"):
+        compose(carry, ablations=("robot",))
+    with pytest.raises(ValueError, match="ablation 'edges' changes nothing about reward 'graphirl'"):
+        compose(carry, "graphirl", ablations=("edges",))
+    with pytest.raises(ValueError, match="tcc_loss is 'x'; allowed: regression_mse"):
+        compose(carry, pretrain={"tcc_loss": "x"})
+
+
+def test_what_is_asked_for_goes_over_the_method_over_the_task_over_the_preset():
+    shoes = make_task("shoes_in_box")
+    assert compose(shoes, "graph").pretrain.robot_messages == 0.0  # the task's
+    assert compose(shoes, "graph_with_robot").pretrain.robot_messages == 1.0  # the method's
+    asked = {"robot_messages": 0.5, "num_frames": 11}
+    settings = compose(shoes, "graph_with_robot", "smoke", pretrain=asked, ppo={"episode_length": 7, "clip": 0.1})
+    assert (settings.pretrain.robot_messages, settings.pretrain.rearranged) == (0.5, 0.0)
+    assert (settings.pretrain_config.num_frames, settings.pretrain_config.steps) == (11, 40)
+    assert (settings.ppo_config.episode_length, settings.ppo.clip, settings.ppo.decay_updates) == (7, 0.1, 4.0)
+    assert compose(shoes, preset="smoke").ppo_config.episode_length == shoes.episode_length
+    assert compose(shoes, updates=9).ppo.decay_updates == 9.0
+    assert compose(shoes, updates=9, ppo={"decay_updates": 5.0}).ppo.decay_updates == 5.0
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("reward", METHODS)
+def test_json_gives_back_the_same_settings(carry, reward, preset):
+    ablations, asked = METHODS[reward].ablations[:1], {"tau": 0.125, "steps": 17}
+    settings = compose(carry, reward, preset, 3, "demos.npz", ablations, 12, asked, {"clip": 0.3, "num_envs": 512})
+    assert from_json(json.loads(json.dumps(as_json(settings)))) == settings
+    assert hash(from_json(json.loads(json.dumps(as_json(settings)))).ppo_config) == hash(settings.ppo_config)
+
+
+@pytest.mark.parametrize("path", ["seed", "demos", "pretrain.alpha", "ppo_config.num_envs", "pretrain_config.encoder",
+                                  "pretrain_config.encoder.edges", "pretrain_config.encoder.pixels.size"])  # fmt: skip
+@pytest.mark.parametrize("problem", ["missing", "unknown"])
+def test_a_field_that_is_missing_or_unknown_is_an_error_that_names_it(carry, path, problem):
+    values = as_json(compose(carry))
+    *groups, field = path.split(".")
+    group = values
+    for name in groups:
+        group = group[name]
+    if problem == "missing":
+        del group[field]
+    else:
+        path, group[f"{field}s"] = f"{path}s", group[field]
+    with pytest.raises(ValueError, match=f"^settings: {path} is {problem}$"):
+        from_json(values)
+
+
+@pytest.mark.parametrize(
+    "asked, message",
+    [
+        ({"reward": "money"}, "unknown reward 'money'; known rewards: graph, "),
+        ({"preset": "huge"}, "unknown preset 'huge'; known presets: smoke, cpu, gpu"),
+        ({"updates": 0}, "updates is 0; allowed: 1 or more"),
+        ({"pretrain": {"steps": 0}}, "PretrainConfig.steps is 0; allowed: 1 or more"),
+        ({"pretrain": {"alpha": math.inf}}, "pretrain.alpha is inf; allowed: finite numbers"),
+        ({"ppo": {"clip": math.nan}}, "ppo.clip is nan; allowed: finite numbers"),
+        ({"ppo": {"num_envs": 5}}, r"num_envs is 5; allowed: a multiple of num_minibatches \(16\)"),
+        ({"ppo": {"activation": "step"}}, "activation is 'step'; allowed: elu, "),
+        (
+            {"pretrain": {"alpha": 2.0}, "ablations": ("activity",)},
+            "pretrain.alpha is asked for, but an ablation of activity sets it",
+        ),
+    ],
+)
+def test_a_value_that_is_not_allowed_is_an_error_that_names_it(carry, asked, message):
+    with pytest.raises(ValueError, match=message):
+        compose(carry, **asked)

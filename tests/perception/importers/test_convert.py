@@ -1,0 +1,81 @@
+"""Formats are told by names, and what was never seen is no demonstration."""
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+
+from graphrl_jax.perception.config import FORMATS
+from graphrl_jax.perception.detector import Detection
+from graphrl_jax.perception.importers.convert import (
+    ENDINGS,
+    Source,
+    demonstrations_of,
+    guess_format,
+    track_recording,
+)
+from graphrl_jax.perception.importers.recording import ImportFailure, Recording
+from tests.helpers.graphs import OBJECTS
+from tests.helpers.importing import refused
+
+
+def test_nothing_seen_is_nothing_written(tmp_path, capsys):
+    imageio.imwrite(tmp_path / "0.png", np.full((64, 64, 3), 128, np.uint8))
+    assert "none of the objects goal_region" in refused(capsys, tmp_path)
+
+
+def test_formats_are_told_by_names(tmp_path):
+    for name, expected in (("a.pkl.gz", "magical"), ("a.GIF", "video"), ("a.jpg", "frames"), ("a.txt", "yolo")):
+        folder = tmp_path / expected
+        folder.mkdir()
+        (folder / name).touch()
+        assert guess_format(folder) == guess_format(folder / name) == expected
+    with pytest.raises(ImportFailure, match="known formats"):
+        guess_format(tmp_path / "nothing")
+
+
+def test_every_format_has_its_endings():
+    assert tuple(ENDINGS) == FORMATS
+
+
+def test_what_a_source_lacks_is_said(tmp_path):
+    with pytest.raises(ImportFailure, match="nowhere is missing"):
+        Source(tmp_path / "nowhere")
+    with pytest.raises(ImportFailure, match="unknown format 'avi'; known formats: magical, video"):
+        Source(tmp_path, "avi")
+    with pytest.raises(ImportFailure, match="the size of the images is missing"):
+        Source(tmp_path, "corners")
+
+
+def test_a_recording_is_seen_by_a_detector_unless_it_has_detections(tmp_path):
+    def seen(x: float) -> list[Detection]:
+        return [Detection(1, np.array([x, 0.5, 0.1, 0.1], np.float32))]
+
+    class Eye:
+        def detect(self, frame):
+            return seen(frame[0, 0, 0] / 100)
+
+    ready = Recording(tmp_path, detections=[seen(0.2), seen(0.3)])
+    film = Recording(tmp_path, frames=np.stack([np.full((2, 2, 3), grey, np.uint8) for grey in (20, 30)]))
+    for recording, detector in ((ready, None), (film, Eye())):
+        boxes, mask = track_recording(recording, OBJECTS, detector)
+        np.testing.assert_allclose(boxes[:, 1, 0], [0.2, 0.3])
+        np.testing.assert_array_equal(mask, [[False, True, False, False]] * 2)
+    for recording, says in (
+        (film, "images need a detector, and this task has none of its own"),
+        (Recording(tmp_path), "no frames"),
+        (Recording(tmp_path, detections=[]), "no frames"),
+        (Recording(tmp_path, detections=[[], []]), "none of the objects robot, block, region, absent was seen"),
+    ):
+        with pytest.raises(ImportFailure, match=says):
+            track_recording(recording, OBJECTS, None)
+
+
+def test_tracks_are_padded_to_the_longest():
+    tracks = [(np.full((frames, 4, 4), 0.1, np.float32), np.ones((frames, 4), bool), frames > 2) for frames in (2, 3)]
+    demos = demonstrations_of(tracks, OBJECTS, 8.0, "carry", "here")
+    np.testing.assert_array_equal(demos.lengths, [2, 3])
+    np.testing.assert_array_equal(demos.success, [False, True])
+    assert demos.boxes.shape == (2, 3, 4, 4) and not demos.mask[0, 2].any() and demos.mask[1].all()
+    assert (demos.frame_rate, demos.task, demos.source) == (8.0, "carry", "here")
+    with pytest.raises(ImportFailure, match="here holds no demonstrations"):
+        demonstrations_of([], OBJECTS, 8.0, "carry", "here")

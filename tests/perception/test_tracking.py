@@ -1,0 +1,73 @@
+"""Objects keep their slots, short gaps are bridged, long ones masked."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from graphrl_jax.graph import ObjectTable
+from graphrl_jax.perception.detector import Detection
+from graphrl_jax.perception.tracking import LONGEST_BRIDGE, track
+
+OBJECTS = ObjectTable(
+    names=("gripper", "left_shoe", "right_shoe"),
+    class_ids=(0, 1, 1),
+    is_robot=(True, False, False),
+    class_names=("gripper", "shoe"),
+)
+
+
+def box(x, y=0.5):
+    return np.array([x, y, 0.1, 0.1], np.float32)
+
+
+def frame(*places, order=None):
+    """Detections of the gripper and both shoes at these x; None is not seen."""
+    seen = [Detection(min(slot, 1), box(x)) for slot, x in enumerate(places) if x is not None]
+    return seen if order is None else [seen[index] for index in order]
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.lists(st.permutations(range(3)), min_size=2, max_size=12))
+def test_order_of_detections_does_not_matter(orders):
+    frames = [frame(0.5, 0.2 + 0.01 * t, 0.7 - 0.01 * t, order=order) for t, order in enumerate(orders)]
+    boxes, mask = track(frames, OBJECTS)
+    assert mask.all()
+    np.testing.assert_allclose(boxes[:, 1, 0], 0.2 + 0.01 * np.arange(len(orders)), atol=1e-6)
+    np.testing.assert_allclose(boxes[:, 2, 0], 0.7 - 0.01 * np.arange(len(orders)), atol=1e-6)
+
+
+def test_short_gaps_are_bridged_straight_and_long_ones_masked():
+    gap, long = LONGEST_BRIDGE, LONGEST_BRIDGE + 1
+    frames = [frame(0.1, 0.2, 0.8)] + [frame(0.1, None, 0.8)] * gap + [frame(0.1, 0.2 + 0.05 * (gap + 1), 0.8)]
+    frames += [frame(None, 0.5, 0.8)] * long + [frame(0.1, 0.5, 0.8)]
+    boxes, mask = track(frames, OBJECTS)
+    np.testing.assert_allclose(boxes[: gap + 2, 1, 0], 0.2 + 0.05 * np.arange(gap + 2), atol=1e-6)
+    assert mask[:, 1].all() and mask[:, 2].all()
+    np.testing.assert_array_equal(mask[:, 0], [True] * (gap + 2) + [False] * long + [True])
+    assert not boxes[~mask].any()
+
+
+def test_an_object_that_returns_gets_its_slot_back():
+    frames = [frame(0.5, 0.2, 0.8), frame(0.5, None, 0.8), frame(0.5, 0.25, 0.8), frame(0.5, 0.25, None)]
+    boxes, mask = track(frames, OBJECTS)
+    np.testing.assert_allclose(boxes[2, 1:, 0], [0.25, 0.8])
+    np.testing.assert_array_equal(mask[3], [True, True, False])
+
+
+def test_an_object_seen_late_is_not_taken_for_its_like():
+    frames = [frame(0.5, 0.2, None), frame(0.5, 0.2, None), frame(0.5, None, 0.8), frame(0.5, 0.2, 0.8)]
+    boxes, mask = track(frames, OBJECTS)
+    np.testing.assert_allclose(boxes[:, 1, 0], 0.2)
+    np.testing.assert_array_equal(mask[:, 2], [False, False, True, True])
+
+
+def test_what_finds_no_slot_is_dropped():
+    boxes, mask = track([[*frame(0.5, 0.2, 0.8), Detection(1, box(0.9)), Detection(0, box(0.1))]], OBJECTS)
+    assert mask.all() and boxes[0, 1, 0] == pytest.approx(0.2)
+
+
+def test_nothing_at_all():
+    boxes, mask = track([], OBJECTS)
+    assert boxes.shape == (0, 3, 4) and mask.shape == (0, 3)
+    assert not track([[], []], OBJECTS)[1].any()
