@@ -88,7 +88,9 @@ def draw_plan(key: jax.Array, kind: jax.Array, qpos: jax.Array, world: World) ->
     starts = blocks(qpos)[:NUM_TARGETS, :2]
     goals = _goals(starts, world.region) + jax.random.uniform(goal_key, (2, 2), minval=-0.05, maxval=0.05)
     others = world.present & (jnp.arange(world.present.shape[0]) >= NUM_TARGETS)
-    distractor = jax.random.categorical(goal_key, jnp.where(others, 0.0, -jnp.inf))
+    # Folded in, not split off: the other draws, and with them all successes, stay what they were.
+    distractor_key = jax.random.fold_in(goal_key, 1)
+    distractor = jax.random.categorical(distractor_key, jnp.where(others, 0.0, -jnp.inf))
     outside, corner = _outside(world.region), _corner(world.region)
     aside = outside[1]
     nudged = starts + 0.3 * jax.vmap(_unit)(goals - starts)
