@@ -25,7 +25,7 @@ from graphrl_jax.perception.importers.magical import read_trajectories
 from graphrl_jax.perception.importers.recording import files_of
 from graphrl_jax.storage import write_json
 from tasks.match_regions import magical
-from tasks.match_regions.layouts import demo_scene
+from tasks.match_regions.layouts import demo_world
 from tasks.match_regions.objects import OBJECTS
 from tasks.match_regions.state import boxes
 
@@ -71,7 +71,7 @@ def own_boxes(states: np.ndarray, finger_angles: np.ndarray) -> np.ndarray:
 
     def look(state: jax.Array, fingers: jax.Array) -> jax.Array:
         qpos = jax.numpy.concatenate([state[:3], fingers, state[9:]])
-        return boxes(qpos, demo_scene())[0][jax.numpy.array(TRUTH_SLOTS)]
+        return boxes(qpos, demo_world())[0][jax.numpy.array(TRUTH_SLOTS)]
 
     return np.asarray(jax.jit(jax.vmap(look))(states.astype(np.float32), finger_angles.astype(np.float32)))
 

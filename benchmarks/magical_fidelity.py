@@ -22,7 +22,7 @@ from benchmarks.context import RESULTS, measured_on
 from benchmarks.timing import seconds_of
 from graphrl_jax.runtime import configure, jit_physics
 from graphrl_jax.storage import write_json
-from tasks.match_regions.layouts import blocks, demo_scene
+from tasks.match_regions.layouts import blocks, demo_world
 from tasks.match_regions.model import CONTROL_DT, FAITHFUL, Physics
 from tasks.match_regions.state import PhysicsState, score
 from tasks.match_regions.task import MatchRegions
@@ -57,7 +57,7 @@ def replay(task: MatchRegions, qpos: jax.Array, qvel: jax.Array, actions: jax.Ar
     """States (B, T + 1, 20) under MAGICAL's actions (B, T), from qpos (B, 20) and qvel (B, 20)."""
 
     def one(qpos: jax.Array, qvel: jax.Array, actions: jax.Array) -> jax.Array:
-        start = PhysicsState(qpos, qvel, jnp.zeros_like(qvel), jnp.ones(2), demo_scene())
+        start = PhysicsState(qpos, qvel, jnp.zeros_like(qvel), jnp.ones(2), demo_world())
 
         def step(state: PhysicsState, number: jax.Array) -> tuple[PhysicsState, jax.Array]:
             state = task.advance(state, number)
@@ -124,7 +124,7 @@ def replays(task: MatchRegions, qpos: np.ndarray, actions: np.ndarray) -> dict[s
     nudge = np.random.default_rng(0).normal(0, NUDGE, (NUDGES, *qpos[:, 0].shape)).astype(np.float32)
     starts = (qpos[:, 0] + nudge).reshape(-1, 20)
     ours = np.asarray(replay(task, starts, np.zeros_like(starts), np.tile(actions, (NUDGES, 1))))
-    scores = np.asarray(jax.vmap(score, (0, None))(ours[:, -1], demo_scene())).reshape(NUDGES, -1)
+    scores = np.asarray(jax.vmap(score, (0, None))(ours[:, -1], demo_world())).reshape(NUDGES, -1)
     return {
         "solved": float((scores == 1.0).mean()),
         "mean_score": float(scores.mean()),

@@ -33,7 +33,7 @@ from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
 from graphrl_jax.experiment.train_policy import PolicyJob, train_policies
 from graphrl_jax.progress import Progress
 from graphrl_jax.registry import make_task
-from graphrl_jax.runtime import CompileLog, configure
+from graphrl_jax.runtime import ProcessLog, configure
 from graphrl_jax.storage import write_json
 from graphrl_jax.task import Task
 
@@ -71,7 +71,7 @@ class Options:
 
 
 def compared(
-    make_jobs: Callable[[str], Sequence[Job]], train: Callable[[Sequence[Any]], Any], log: CompileLog, stage: str
+    make_jobs: Callable[[str], Sequence[Job]], train: Callable[[Sequence[Any]], Any], log: ProcessLog, stage: str
 ) -> dict[str, Any]:
     """Trains all jobs at once, then one by one.
 
@@ -106,7 +106,7 @@ def compared(
     }
 
 
-def encoders(task: Task, steps: int, log: CompileLog, root: Path) -> dict[str, Any]:
+def encoders(task: Task, steps: int, log: ProcessLog, root: Path) -> dict[str, Any]:
     """Encoders of five alphas and three seeds."""
     settings = [
         compose(task, preset="cpu", seed=seed, pretrain={"steps": steps, "alpha": alpha})
@@ -133,7 +133,7 @@ def encoders(task: Task, steps: int, log: CompileLog, root: Path) -> dict[str, A
     return {"steps": steps, **compared(make_jobs, train, log, "pretrain")}
 
 
-def policies(task: Task, count: int, log: CompileLog, root: Path) -> dict[str, Any]:
+def policies(task: Task, count: int, log: ProcessLog, root: Path) -> dict[str, Any]:
     """Policies of several seeds, each on a reward of its own."""
     settings = [compose(task, preset="smoke", seed=seed) for seed in range(count)]
     rewards = [random_reward(task, jax.random.key(seed)) for seed in range(count)]

@@ -156,7 +156,7 @@ def finished_members(options: Options) -> dict[str, list[Path]]:
 def image_size(options: Options) -> int | None:
     """Size of the images that members look at; None where none of them needs images."""
     found = any(METHODS[method].needs == "images" for method in finished_members(options))
-    return PRESETS[options.preset].pretrain["images"].encoder.image_size if found else None
+    return PRESETS[options.preset].pretrain_config["images"].encoder.image_size if found else None
 
 
 def main() -> None:

@@ -193,7 +193,7 @@ def figure(batches: list[dict[str, Any]], path: Path) -> None:
 def main() -> None:
     """Measures, prints the table and writes JSON and plot, after every batch."""
     options = tyro.cli(Options, description=__doc__)
-    compile_log = configure()
+    process_log = configure()
     where = measured_on("throughput")  # before anything else loads the machine
     end = "" if options.task == "match_regions" else f"_{options.task}"
     out = options.out or RESULTS / f"throughput{end}.json"
@@ -205,7 +205,7 @@ def main() -> None:
             "task": options.task,
             "steps": options.steps,
             "repeats": options.repeats,
-            "compilation_cache": compile_log.cache,
+            "compilation_cache": process_log.cache,
             **where,
         }
         write_json(out, {"batches": batches, **context})

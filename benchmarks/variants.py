@@ -6,7 +6,7 @@ The runs' task has to be one of `match_regions_<variant>`: these share one envir
 evaluated by one compiled program. Writes benchmarks/results/match_regions_variants.json and an image of each variant.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ import tyro
 
 from benchmarks.context import RESULTS, measured_on
 from graphrl_jax.experiment.checkpoints import load_run
+from graphrl_jax.experiment.evaluation import evaluation_config
 from graphrl_jax.rl.rollout import evaluate
 from graphrl_jax.rl.wrappers import WRAPPERS, EnvironmentReward
 from graphrl_jax.runtime import configure
@@ -44,10 +45,11 @@ class Options:
 
 def on_every_variant(path: Path, task: MatchRegions) -> dict[str, Any]:
     """Success and mean score of a run's policy on each variant, over the same unseen episodes as every other's."""
-    trained_on, settings, reward, policy = load_run(path)
+    trained = load_run(path)
+    trained_on, settings, reward, policy = trained
     if trained_on.objects != task.objects:
         raise ValueError(f"{path} is of task {trained_on.name}; allowed: match_regions_<variant>")
-    config = replace(settings.ppo_config, episode_length=task.episode_length)
+    config = evaluation_config(trained)
     wrapper = WRAPPERS[settings.method.needs]
 
     def make_env(params: tuple[variants.Variant, Any]) -> EnvironmentReward:

@@ -83,9 +83,10 @@ def preset_sizes() -> str:
 
 def page() -> str:
     """Everything between the markers."""
-    graphs = {name: preset.pretrain["graphs"] for name, preset in PRESETS.items()}
-    images = {name: preset.pretrain["images"] for name, preset in PRESETS.items()}
+    graphs = {name: preset.pretrain_config["graphs"] for name, preset in PRESETS.items()}
+    images = {name: preset.pretrain_config["images"] for name, preset in PRESETS.items()}
     pixels = {name: config.encoder.pixels for name, config in images.items()}
+    ppo = {name: preset.ppo_config for name, preset in PRESETS.items()}
     sections = {
         "Rewards": methods(),
         "Ablations": ablations(),
@@ -96,7 +97,7 @@ def page() -> str:
         "Encoder": fields_of(EncoderConfig),
         "Encoder of images, by preset": fields_of(PixelConfig, pixels),
         "PPO: floats": fields_of(PPOHyper, options="ppo"),
-        "PPO: sizes, by preset": fields_of(PPOConfig, {name: preset.ppo for name, preset in PRESETS.items()}, "ppo"),
+        "PPO: sizes, by preset": fields_of(PPOConfig, ppo, "ppo"),
     }
     return "\n" + "\n".join(f"## {title}\n\n{text}" for title, text in sections.items())
 

@@ -19,7 +19,7 @@ from .perception.detector import Detector as Detector
 from .perception.model_detector import ModelDetector as ModelDetector
 from .perception.tracking import track as track
 from .pretrain.config import PretrainConfig as PretrainConfig
-from .pretrain.config import PretrainHyper as PretrainHyper
+from .pretrain.trainer import PretrainHyper as PretrainHyper
 from .registry import make_task as make_task
 from .registry import task_names as task_names
 from .reward.landscape import Landscape as Landscape
@@ -28,7 +28,7 @@ from .reward.landscape import trajectory_scores as trajectory_scores
 from .reward.model import RewardModel as RewardModel
 from .reward.model import fit_reward as fit_reward
 from .rl.config import PPOConfig as PPOConfig
-from .rl.config import PPOHyper as PPOHyper
+from .rl.ppo import PPOHyper as PPOHyper
 from .rl.rollout import evaluate as evaluate
 from .rl.wrappers import EnvironmentReward as EnvironmentReward
 from .rl.wrappers import GraphReward as GraphReward

@@ -31,10 +31,10 @@ class Progress:
     ) -> None:
         self._rich.__exit__(kind, value, trace)
 
-    def begin(self, stage: str, total: int, done: int = 0) -> None:
-        """Starts a run stage of `total` steps, of which `done` were made earlier."""
+    def begin(self, stage: str, total: int) -> None:
+        """Starts a run stage of `total` steps."""
         self._stage, self._started = stage, time.perf_counter()
-        self._task = self._rich.add_task(stage, total=total, completed=done, metrics="")
+        self._task = self._rich.add_task(stage, total=total, metrics="")
         self.note(stage)
 
     def advance(self, steps: int, **metrics: float) -> None:

@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from graphrl_jax.task import Task
 
 ENTRY_POINT_GROUP = "graphrl_jax.tasks"
+_RENAMED = {"pretraining": "pretrain_overrides", "picture": "image", "picture_detector": "detector"}
 
 
 def task_names() -> list[str]:
@@ -18,9 +19,16 @@ def make_task(name: str) -> "Task":
     """Builds a registered task.
 
     Raises:
-      ValueError: no task has this name; the message lists the known tasks.
+      ValueError: no task has this name (the message lists the known tasks), the task calls itself otherwise, or it
+        was written for an earlier release.
     """
     points = entry_points(group=ENTRY_POINT_GROUP, name=name)
     if not points:
         raise ValueError(f"unknown task {name!r}; known tasks: {', '.join(task_names()) or 'none'}")
-    return next(iter(points)).load()()
+    task = next(iter(points)).load()()
+    if task.name != name:
+        raise ValueError(f"task {name!r} has the name {task.name!r}; allowed: the name that it is registered by")
+    for old, new in _RENAMED.items():
+        if hasattr(task, old):
+            raise ValueError(f"task {name!r} has an attribute {old!r}, which is called {new!r} now")
+    return task

@@ -5,7 +5,8 @@ import importlib.metadata
 import os
 import platform
 import subprocess
-from functools import partial
+import time
+from functools import cache, partial
 from pathlib import Path
 
 import jax
@@ -29,16 +30,18 @@ _KEEP_BYTES, _TOP_PAD_BYTES = 2**31 - 1, 1 << 28
 _M_TRIM_THRESHOLD, _M_TOP_PAD, _M_MMAP_THRESHOLD = -1, -2, -3
 
 
-class CompileLog:
-    """Records the seconds of backend compilations, and the hits and misses of the persistent cache.
+class ProcessLog:
+    """Records the seconds of the process and of its compilations, and hits and misses of the persistent cache.
 
     Attributes:
+      started: float, `time.perf_counter()` at the beginning.
       seconds: float, time spent compiling (or loading from the cache) so far.
       cache_hits: int, programs found in the persistent cache.
       cache_misses: int, programs compiled anew and written to the cache.
     """
 
     def __init__(self) -> None:
+        self.started = time.perf_counter()
         self.seconds, self.cache_hits, self.cache_misses = 0.0, 0, 0
         jax.monitoring.register_event_duration_secs_listener(self._on_duration)
         jax.monitoring.register_event_listener(self._on_event)
@@ -58,8 +61,13 @@ class CompileLog:
             return "warm" if self.cache_hits else "cold"
         return "mixed" if self.cache_hits else "cold"
 
+    def times(self) -> dict[str, float | str]:
+        """Seconds since the beginning (`wall_s`), those of compilations (`compile_s`), and `compilation_cache`."""
+        wall = time.perf_counter() - self.started
+        return {"wall_s": wall, "compile_s": self.seconds, "compilation_cache": self.cache}
 
-def configure() -> CompileLog:
+
+def configure() -> ProcessLog:
     """Enables the persistent compilation cache and keeps freed memory in the process. Call it once, before computing.
 
     The cache is in `$JAX_COMPILATION_CACHE_DIR`, else in `$XDG_CACHE_HOME` (or `~/.cache`) `/graphrl_jax/jax`.
@@ -68,7 +76,7 @@ def configure() -> CompileLog:
         cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "graphrl_jax" / "jax"
         jax.config.update("jax_compilation_cache_dir", str(cache))
     _keep_freed_memory()
-    return CompileLog()
+    return ProcessLog()
 
 
 def _keep_freed_memory() -> None:
@@ -103,6 +111,7 @@ def default_preset() -> str:
     return "cpu" if jax.default_backend() == "cpu" else "gpu"
 
 
+@cache
 def commit() -> str | None:
     """The commit of this package's sources, None if they are not in a repository.
 

@@ -114,3 +114,9 @@ def test_help_needs_no_jax(command):
     asked = f"main({[*command, '--help']})"
     loaded = loaded_after(["import contextlib, io", "from graphrl_jax.cli import main", shown + asked])
     assert "tyro" in loaded and not loaded & {"jax", "numpy", "brax", "mujoco", "matplotlib"}
+
+
+@pytest.mark.parametrize("name", ["PPOHyper", "PretrainHyper"])
+def test_public_floats_are_pytrees_from_the_start(name):
+    made = f"import graphrl_jax, jax; assert len(jax.tree.leaves(graphrl_jax.{name}())) > 5"
+    assert "jax" in loaded_after([made])

@@ -31,10 +31,10 @@ def run(request: Pretrain) -> dict[str, Any]:
     if settings.method.encoder is None:
         raise ValueError(f"reward {request.reward!r} has no encoder to train")
     refuse_impossible(task, settings)
-    run = Run.create(request.out, "pretrain", as_json(settings))
-    job = EncoderJob(run, demos, settings.pretrain, settings.seed)
+    folder = Run.create(request.out, "pretrain", as_json(settings))
+    job = EncoderJob(folder, demos, settings.pretrain, settings.seed)
     with Progress() as progress:
         ((model, metrics),) = train_encoders([job], settings.pretrain_config, progress)
-        metrics |= audit_reward(run, task, model, demos, settings.seed)
-    write_json(run.path / "summary.json", {**metrics, "versions": runtime.versions(), "device": runtime.device()})
-    return {"out": str(run.path), **{name: value for name, value in metrics.items() if isinstance(value, float)}}
+        metrics |= audit_reward(job, task, model)
+    write_json(folder.path / "summary.json", {**metrics, "versions": runtime.versions(), "device": runtime.device()})
+    return {"out": str(folder.path), **{name: value for name, value in metrics.items() if isinstance(value, float)}}

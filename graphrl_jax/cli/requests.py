@@ -15,9 +15,9 @@ from graphrl_jax.registry import task_names
 from graphrl_jax.reward.config import SUBTASK_METHODS
 from graphrl_jax.rl.config import PPOConfig, PPOHyper
 
-Task = Annotated[str, choice(task_names())]
-Reward = Annotated[str, choice(METHODS)]
-Preset = Annotated[str | None, optional(f"{{{','.join(PRESETS)}}}", "cpu, or gpu where there is one")]
+TaskName = Annotated[str, choice(task_names())]
+RewardName = Annotated[str, choice(METHODS)]
+PresetName = Annotated[str | None, optional(f"{{{','.join(PRESETS)}}}", "cpu, or gpu where there is one")]
 DemosFile = Annotated[Path | None, optional("PATH", "the expert makes them")]
 Ablations = Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"[{{{','.join(ABLATIONS)}}} ...]")]
 Updates = Annotated[int | None, optional("INT", "the preset's")]
@@ -63,13 +63,13 @@ class Train:
       coordinator: address and port of the first of several processes that train together, such as localhost:12345.
       processes: number of processes.
       process: index of this process, from 0; processes above 0 write to OUT.process_N.
-      pretrain: sizes and floats of pretraining.
+      pretrain: sizes and floats of pretraining; task and reward may have other defaults.
       ppo: sizes and floats of PPO.
     """
 
-    task: Task = "match_regions"
-    reward: Reward = "graph"
-    preset: Preset = None
+    task: TaskName = "match_regions"
+    reward: RewardName = "graph"
+    preset: PresetName = None
     demos: DemosFile = None
     seed: int = 0
     ablate: Ablations = ()
@@ -97,7 +97,7 @@ class Demos:
     """
 
     out: Path
-    task: Task = "match_regions"
+    task: TaskName = "match_regions"
     num: int = 64
     failures: int = 0
     images: Annotated[int | None, optional("INT", "boxes alone")] = None
@@ -114,7 +114,7 @@ class Pretrain:
       reward: method of the encoder.
       seed: source of all randomness.
       ablate: parts of the method to leave out.
-      pretrain: sizes and floats of pretraining.
+      pretrain: sizes and floats of pretraining; task and reward may have other defaults.
     """
 
     demos: Path
@@ -161,7 +161,7 @@ class Import:
 
     source: tyro.conf.Positional[Path]
     out: Path
-    task: Task = "match_regions"
+    task: TaskName = "match_regions"
     format: Annotated[str | None, optional(f"{{{','.join(FORMATS)}}}", "told by the files' names")] = None
     size: Annotated[tuple[int, int] | None, optional("INT INT", "the source says it")] = None
     frame_rate: Annotated[float | None, optional("FLOAT", "the videos' own, else the task's")] = None
@@ -203,14 +203,14 @@ class Sweep:
       updates: policy updates.
       encoders_only: train and audit encoders, no policies.
       resume: continue the sweep in --out, with its own settings.
-      pretrain: sizes and floats of pretraining, of every member.
+      pretrain: sizes and floats of pretraining, of every member; task and reward may have other defaults.
       ppo: sizes and floats of PPO, of every member.
     """
 
     out: Path
-    task: Task = "match_regions"
-    reward: Reward = "graph"
-    preset: Preset = None
+    task: TaskName = "match_regions"
+    reward: RewardName = "graph"
+    preset: PresetName = None
     demos: DemosFile = None
     alphas: Annotated[str | None, optional("FLOAT,FLOAT,...", "not swept")] = None
     sweep: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[FIELD=FLOAT,FLOAT,... ...]")] = ()

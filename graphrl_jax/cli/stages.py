@@ -2,11 +2,11 @@
 
 from typing import Any
 
-from graphrl_jax import demonstrations, runtime
+from graphrl_jax import runtime
 from graphrl_jax.cli.requests import Stages
 from graphrl_jax.experiment.checkpoints import load_reward
+from graphrl_jax.experiment.experiment import load_demonstrations
 from graphrl_jax.experiment.run_directory import Run
-from graphrl_jax.experiment.settings import from_json
 from graphrl_jax.registry import make_task
 from graphrl_jax.reward.subtasks import demonstration_subtasks
 from graphrl_jax.storage import write_json
@@ -16,13 +16,9 @@ def run(request: Stages) -> dict[str, Any]:
     """Carries the request out."""
     runtime.configure()
     run = Run(request.run)
-    settings = from_json(run.config("train", "pretrain"))
+    settings = run.settings("train", "pretrain")
     task = make_task(settings.task)
-    demos = demonstrations.load(request.demos)
-    if demos.objects != task.objects:
-        raise ValueError(
-            f"--demos {request.demos}: objects are {demos.objects.names}, but the run's {task.objects.names}"
-        )
+    demos = load_demonstrations(request.demos, task)
     model = load_reward(run, settings.pretrain_config, task.objects)
     found = demonstration_subtasks(model, demos, request.method)
     out = request.out or run.path / "subtasks.json"

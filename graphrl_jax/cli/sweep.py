@@ -1,7 +1,6 @@
 """`graphrl sweep`: floats times seeds, side by side; see `requests.Sweep`."""
 
 import itertools
-import time
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -29,20 +28,17 @@ _OF_THE_PROCESS = ("versions", "device", "wall_s", "compile_s", "compilation_cac
 
 def run(request: Sweep) -> dict[str, Any]:
     """Carries the request out."""
-    started = time.perf_counter()
-    compile_log = runtime.configure()
+    process_log = runtime.configure()
     members, encoders_only = _resumed(request.out) if request.resume else _started(request)
     task = make_task(members[0].settings.task)
     extent = Extent(policies=not encoders_only, videos=False, resumed=request.resume)
     folder = request.out if len(members) > 1 else None
     with Progress() as progress:
-        summaries = experiment.run(members, task, progress, compile_log, extent, folder)
+        summaries = experiment.run(members, task, progress, process_log, extent, folder)
     rows = [_row(member, summary) for member, summary in zip(members, summaries, strict=True)]
     report = {
         "members": rows,
-        "wall_s": time.perf_counter() - started,
-        "compile_s": compile_log.seconds,
-        "compilation_cache": compile_log.cache,
+        **process_log.times(),
         "versions": runtime.versions(),
         "device": runtime.device(),
     }
@@ -56,6 +52,8 @@ def run(request: Sweep) -> dict[str, Any]:
 
 def _started(request: Sweep) -> tuple[list[SweepMember], bool]:
     """The members of a new sweep, validated before anything is written, and whether only encoders are trained."""
+    if request.seeds < 1:
+        raise ValueError(f"--seeds is {request.seeds}; allowed: 1 or more")
     task = make_task(request.task)
     texts = [] if request.alphas is None else [f"pretrain.alpha={request.alphas}"]
     members = sweep.plan(
@@ -70,7 +68,7 @@ def _started(request: Sweep) -> tuple[list[SweepMember], bool]:
         demos=None if request.demos is None else str(request.demos),
         updates=request.updates,
     )
-    experiment.refuse_impossible(task, members[0].settings)
+    experiment.refuse_impossible(task, members[0].settings, len(members))
     asked = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(request).items()}
     sweep.start(request.out, members, asked)
     return members, request.encoders_only

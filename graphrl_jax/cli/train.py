@@ -19,15 +19,15 @@ SHOWN = ("success_rate", "mean_score", "episodes", "mean_return", "seed")
 
 def run(request: Train) -> dict[str, Any]:
     """Carries the request out."""
+    process_log = runtime.configure()
     if request.coordinator is not None or request.processes > 1:
         request = _joined(request)
-    compile_log = runtime.configure()
     member = _resumed(request) if request.resume else _started(request)
     task = make_task(member.settings.task)
     with Progress() as progress:
         progress.note(f"run directory: {member.run.path}")
         extent = Extent(resumed=request.resume)
-        (summary,) = experiment.run([member], task, progress, compile_log, extent)
+        (summary,) = experiment.run([member], task, progress, process_log, extent)
     shown = {name: summary[name] for name in SHOWN}
     return {"out": str(member.run.path), **shown, "wall_s": round(summary["wall_s"], 1)}
 

@@ -8,8 +8,8 @@ import numpy as np
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.experiment.environments import image_drawer
 from graphrl_jax.experiment.keys import RunStage, stage_key
-from graphrl_jax.experiment.run_directory import Run
-from graphrl_jax.experiment.train_encoder import FITTED_SHARE
+from graphrl_jax.experiment.train_encoder import EncoderJob
+from graphrl_jax.reward.config import SUBTASK_METHODS
 from graphrl_jax.reward.discrimination import discrimination
 from graphrl_jax.reward.landscape import Landscape, audit, trajectory_scores
 from graphrl_jax.reward.model import RewardModel, demonstration_rewards
@@ -25,16 +25,16 @@ def audit_scenes(task: Task, seed: int) -> Landscape:
     return task.landscape(stage_key(seed, RunStage.LANDSCAPE))
 
 
-def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demonstrations, seed: int) -> dict[str, Any]:
+def audit_reward(job: EncoderJob, task: Task, model: RewardModel) -> dict[str, Any]:
     """Evaluates the reward on unseen scenes and held-out demonstrations, plots it, and finds subtasks.
 
     Returns:
       The metrics of the landscape; trajectory_scores; discrimination of successes from failures, if there are failures;
       subtasks, the metrics of the subtasks of held-out successes, None without true events.
     """
-    report = audit(model, audit_scenes(task, seed), image_drawer(task, model))
-    plots.landscape(report, run.figures / "landscape.png")
-    held_out = demonstrations.successes().split(FITTED_SHARE, seed)[1]
+    report = audit(model, audit_scenes(task, job.seed), image_drawer(task, model))
+    plots.landscape(report, job.run.figures / "landscape.png")
+    demonstrations, held_out = job.demonstrations, job.split[1]
     rewards = np.asarray(demonstration_rewards(model, held_out))
     plots.reward_over_time(
         rewards,
@@ -42,14 +42,15 @@ def audit_reward(run: Run, task: Task, model: RewardModel, demonstrations: Demon
         held_out.events,
         held_out.event_names,
         held_out.frame_rate,
-        run.figures / "reward_on_demonstrations.png",
+        job.run.figures / "reward_on_demonstrations.png",
         "Learned reward on held-out demonstrations",
     )
     metrics = {**report.metrics(), "trajectory_scores": trajectory_scores(model, demonstrations)}
     if not demonstrations.success.all():
         metrics["discrimination"] = _discrimination(model, rewards, held_out, demonstrations)
-    found = demonstration_subtasks(model, held_out)
-    write_json(run.path / "subtasks.json", {"method": "rests", **found})
+    method = SUBTASK_METHODS[0]
+    found = demonstration_subtasks(model, held_out, method)
+    write_json(job.run.path / "subtasks.json", {"method": method, **found})
     return {**metrics, "subtasks": found.get("judged")}
 
 

@@ -5,6 +5,7 @@ member axis, so a sweep of one member gives exactly the numbers of a single run.
 together run in groups of the same size, through the same compiled program.
 """
 
+import re
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
@@ -24,6 +25,7 @@ from graphrl_jax.runtime import jit_physics
 
 # Share of the free memory that one program may take.
 _SHARE = 0.6
+_UNKNOWN_BYTES = 1 << 40
 
 
 def stack(members: Sequence[Any]) -> Any:
@@ -96,11 +98,10 @@ def free_bytes() -> int:
     if statistics:
         return statistics["bytes_limit"] - statistics["bytes_in_use"]
     try:
-        lines = Path("/proc/meminfo").read_text().splitlines()
+        available = re.search(r"^MemAvailable:\s+(\d+) kB$", Path("/proc/meminfo").read_text(), re.MULTILINE)
     except OSError:
-        return 1 << 40
-    sizes = dict(line.split(":") for line in lines)
-    return 1024 * int(sizes["MemAvailable"].split()[0])
+        available = None
+    return 1024 * int(available[1]) if available else _UNKNOWN_BYTES
 
 
 def fit(compile_for: Callable[[int], Any], members: int, budget: int | None = None) -> tuple[int, Any]:

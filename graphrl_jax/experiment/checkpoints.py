@@ -76,6 +76,7 @@ def load_run(path: str | Path) -> TrainedRun:
     """A finished run of `train`, or a member of a sweep, from its folder.
 
     Raises:
+      ValueError: the task is not registered.
       RunError, StorageError: the folder holds no such run, or the run is not finished.
     """
     run = Run(path)

@@ -21,9 +21,18 @@ SEED_OFFSET = 1000
 
 
 def evaluate_policy(trained: TrainedRun, episodes: int, seed: int) -> dict[str, Any]:
-    """Computes success rate, mean score and mean return of the deterministic policy over unseen episodes."""
+    """Evaluates the deterministic policy on unseen episodes.
+
+    Args:
+      trained: the policy with its task, settings and reward.
+      episodes: number of episodes.
+      seed: selects the episodes.
+
+    Returns:
+      success_rate, mean_score and mean_return (of the reward that the policy was trained on), episodes and seed.
+    """
     outcomes = rollout.evaluate(
-        _config(trained),
+        evaluation_config(trained),
         environment_of(trained.task, trained.settings.reward),
         trained.reward_params,
         trained.policy,
@@ -40,11 +49,19 @@ def evaluate_policy(trained: TrainedRun, episodes: int, seed: int) -> dict[str, 
 
 
 def show_policy(run: Run, trained: TrainedRun, episodes: int, seed: int, video: Path) -> None:
-    """Writes the video of a few episodes and the plot of their rewards."""
+    """Writes the video of a few episodes and the plot of their rewards.
+
+    Args:
+      run: folder that gets the plot.
+      trained: the policy with its task, settings and reward.
+      episodes: number of episodes.
+      seed: selects the episodes.
+      video: file of the video, ends in .mp4.
+    """
     task, settings = trained.task, trained.settings
     recorded = rollout.record(
         task,
-        _config(trained),
+        evaluation_config(trained),
         environment_of(task, settings.reward),
         trained.reward_params,
         trained.policy,
@@ -63,6 +80,6 @@ def show_policy(run: Run, trained: TrainedRun, episodes: int, seed: int, video: 
     )
 
 
-def _config(trained: TrainedRun) -> PPOConfig:
+def evaluation_config(trained: TrainedRun) -> PPOConfig:
     """The run's PPO configuration with the task's full episode length."""
     return replace(trained.settings.ppo_config, episode_length=trained.task.episode_length)

@@ -6,7 +6,6 @@ Results that a run directory already holds are reused, so that an interrupted ru
 """
 
 import shutil
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,11 +25,12 @@ from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
 from graphrl_jax.experiment.train_policy import PolicyJob, train_policies
 from graphrl_jax.pretrain.config import PretrainHyper
 from graphrl_jax.progress import Progress
-from graphrl_jax.runtime import CompileLog, device, versions
+from graphrl_jax.runtime import ProcessLog, device, versions
 from graphrl_jax.storage import read_json, write_atomically, write_json
 from graphrl_jax.task import Task
 
 VIDEO_EPISODES = 2
+ENCODER_FILES = ("encoder.npz", "encoder.json")
 
 
 @dataclass(frozen=True)
@@ -56,13 +56,19 @@ class Extent:
     resumed: bool = False
 
 
-def refuse_impossible(task: Task, settings: Settings) -> None:
+def refuse_impossible(task: Task, settings: Settings, members: int = 1) -> None:
     """Refuses settings that cannot work, before anything is written.
 
+    Args:
+      task: task of the run.
+      settings: settings of the run, or of one of `members` runs that differ in floats and seeds.
+      members: number of runs side by side.
+
     Raises:
-      ValueError: the reward needs images, and the task draws none.
+      ValueError: the reward needs images, and the task draws none; or the environments do not fit the devices.
       DemonstrationError: see `given_demonstrations`.
     """
+    sharding.mesh_for(members, settings.ppo_config.num_envs)
     refuse_undrawn(task, settings.reward)
     if settings.demos is not None:
         given_demonstrations(task, settings)
@@ -72,7 +78,7 @@ def run(
     members: Sequence[Member],
     task: Task,
     progress: Progress,
-    compile_log: CompileLog,
+    process_log: ProcessLog,
     extent: Extent,
     folder: Path | None = None,
 ) -> list[dict[str, Any]]:
@@ -82,36 +88,52 @@ def run(
       members: runs with the same task, reward and sizes.
       task: task of all members.
       progress: progress display.
-      compile_log: log of compilations.
+      process_log: seconds of this process.
       extent: see `Extent`.
       folder: folder for checkpoints of several members.
 
     Returns:
       The summary of each member. With policies it is also written into the member's folder.
+
+    Raises:
+      RunError, StorageError: a folder holds files that training cannot continue from.
+      ValueError: processes disagree on what is done, or members cannot be trained side by side.
     """
-    started = time.perf_counter()
+    finished = extent.policies and all((member.run.path / "summary.json").exists() for member in members)
+    if sharding.agreed(finished, "whether the run is finished"):
+        return [read_json(member.run.path / "summary.json") for member in members]
     summaries: list[dict[str, Any]] = [{} for _ in members]
     if members[0].settings.method.encoder is not None:
         summaries = [{"encoder": metrics} for metrics in _encoders(members, task, progress)]
     if not extent.policies:
         return summaries
-    finished = [(member.run.path / "summary.json").exists() for member in members]
-    if sharding.agreed(all(finished), "whether the run is finished"):
-        return [read_json(member.run.path / "summary.json") for member in members]
     outcomes = _policies(members, task, progress, extent, folder)
     for member, summary, outcome in zip(members, summaries, outcomes, strict=True):
         summary |= outcome | {
             "training_seed": member.settings.seed,
             "reward": member.settings.reward,
             "resumed": extent.resumed,
-            "wall_s": time.perf_counter() - started,
-            "compile_s": compile_log.seconds,
-            "compilation_cache": compile_log.cache,
             "versions": versions(),
             "device": device(),
         }
+        if len(members) == 1:  # the seconds of many side by side say nothing about one of them
+            summary |= process_log.times()
         write_json(member.run.path / "summary.json", summary)
     return summaries
+
+
+def load_demonstrations(path: str | Path, task: Task) -> Demonstrations:
+    """Loads a demonstration file of a task.
+
+    Raises:
+      DemonstrationError: the file is not a demonstration file, or has other objects.
+    """
+    loaded = demonstration_files.load(path)
+    if loaded.objects != task.objects:
+        raise DemonstrationError(
+            f"{path}: objects are {loaded.objects.names}, but task {task.name} has {task.objects.names}"
+        )
+    return loaded
 
 
 def given_demonstrations(task: Task, settings: Settings) -> Demonstrations:
@@ -121,11 +143,7 @@ def given_demonstrations(task: Task, settings: Settings) -> Demonstrations:
       DemonstrationError: the file is not a demonstration file, has other objects, or lacks the required images.
     """
     assert settings.demos is not None
-    loaded = demonstration_files.load(settings.demos)
-    if loaded.objects != task.objects:
-        raise DemonstrationError(
-            f"{settings.demos}: objects are {loaded.objects.names}, but task {task.name} has {task.objects.names}"
-        )
+    loaded = load_demonstrations(settings.demos, task)
     size = settings.image_size
     if size is not None:
         try:
@@ -148,7 +166,7 @@ def make_demonstrations(task: Task, settings: Settings) -> Demonstrations:
     return task.demonstrate(key, count, count // 4, settings.image_size)
 
 
-def _demonstrations(member: Member, members: Sequence[Member], task: Task) -> Demonstrations:
+def _keep_demonstrations(member: Member, members: Sequence[Member], task: Task) -> Path:
     """A member's demonstrations, made once per seed and kept in its folder, so that a resumed run uses the same."""
     kept = member.run.path / "demonstrations.npz"
     for sibling in members:
@@ -157,7 +175,7 @@ def _demonstrations(member: Member, members: Sequence[Member], task: Task) -> De
             _copy_missing(made, kept)
     if not kept.exists():
         make_demonstrations(task, member.settings).save(kept)
-    return demonstration_files.load(kept)
+    return kept
 
 
 def _encoders(members: Sequence[Member], task: Task, progress: Progress) -> list[dict[str, Any]]:
@@ -169,20 +187,22 @@ def _encoders(members: Sequence[Member], task: Task, progress: Progress) -> list
     owners: dict[tuple[PretrainHyper, int], Member] = {}
     for member in members:
         owners.setdefault((member.settings.pretrain, member.settings.seed), member)
-    missing = [one for one in owners.values() if not (one.run.path / "encoder.json").exists()]
+    missing = [one for one in owners.values() if not all((one.run.path / name).exists() for name in ENCODER_FILES)]
     if sharding.agreed(len(missing), "how many encoders are missing"):
+        kept = [demonstration_files.load(_keep_demonstrations(one, members, task)) for one in missing]
         jobs = [
-            EncoderJob(one.run, _demonstrations(one, members, task), one.settings.pretrain, one.settings.seed)
-            for one in missing
+            EncoderJob(one.run, demos, one.settings.pretrain, one.settings.seed)
+            for one, demos in zip(missing, kept, strict=True)
         ]
         trained = train_encoders(jobs, members[0].settings.pretrain_config, progress)
         for job, (model, metrics) in zip(jobs, trained, strict=True):
             progress.note(f"auditing {job.run.path.name}")
-            metrics |= audit_reward(job.run, task, model, job.demonstrations, job.seed)
+            metrics |= audit_reward(job, task, model)
             write_json(job.run.path / "encoder.json", metrics)
     for member in members:
         owner = owners[member.settings.pretrain, member.settings.seed]
-        for name in ("encoder.npz", "encoder.json", "demonstrations.npz"):
+        _keep_demonstrations(member, members, task)
+        for name in ENCODER_FILES:
             _copy_missing(owner.run.path / name, member.run.path / name)
     return [read_json(member.run.path / "encoder.json") for member in members]
 

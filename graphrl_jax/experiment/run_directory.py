@@ -17,6 +17,8 @@ from graphrl_jax.storage import read_json, write_atomically, write_json
 
 VERSION = 2
 """Version of config.json. Version 1 did not contain the preset's settings."""
+RESUMABLE = ("train", "sweep")
+"""Commands that continue a run."""
 
 
 class RunError(ValueError):
@@ -42,14 +44,20 @@ class Run:
         """
         run = cls(path)
         if run.path.exists() and (not run.path.is_dir() or any(run.path.iterdir())):
-            raise RunError(f"--out {run.path} is not empty; choose another folder, or continue that run with --resume")
-        write_json(run.path / "config.json", {"command": command, "version": VERSION, "commit": commit(), **config})
+            resumable = ", or continue that run with --resume" if command in RESUMABLE else ""
+            raise RunError(f"--out {run.path} is not empty; choose another folder{resumable}")
+        run.write_config(command, config)
         return run
 
     @classmethod
     def start(cls, path: str | Path, settings: Settings) -> "Run":
         """Creates a new run of `train` with these settings; see `create`."""
         return cls.create(path, "train", as_json(settings))
+
+    def write_config(self, command: str, config: dict[str, Any]) -> None:
+        """Writes config.json, with the command, version and commit."""
+        about = {"command": command, "version": VERSION, "commit": commit()}
+        write_json(self.path / "config.json", {**about, **config})
 
     def config(self, *commands: str) -> dict[str, Any]:
         """The run's configuration: config.json without command, version and commit.
@@ -62,6 +70,8 @@ class Run:
           StorageError: there is no config.json.
         """
         config = read_json(self.path / "config.json")
+        if not isinstance(config, dict):
+            raise RunError(f"{self.path}/config.json holds {type(config).__name__}; allowed: an object")
         command, version = config.pop("command", None), config.pop("version", None)
         if version != VERSION or (commands and command not in commands):
             raise RunError(
@@ -71,16 +81,20 @@ class Run:
         config.pop("commit", None)
         return config
 
-    def settings(self) -> Settings:
+    def settings(self, *commands: str) -> Settings:
         """Settings of a run of `train`, or of a member of a sweep.
+
+        Args:
+          commands: commands that may have created the run; default: `train`.
 
         Raises:
           RunError: the run is of another command or version, or its settings are damaged.
+          StorageError: there is no config.json.
         """
-        config = self.config("train")
+        config = self.config(*(commands or ("train",)))
         try:
             return from_json(config)
-        except (TypeError, ValueError) as error:
+        except ValueError as error:
             raise RunError(f"{self.path}/config.json: {error}") from error
 
     @property

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, fields, is_dataclass, replace
 from typing import Any
 
 from graphrl_jax.experiment.methods import ABLATIONS, Method, method_named
-from graphrl_jax.experiment.presets import PRESETS, Preset
+from graphrl_jax.experiment.presets import Preset, preset_named
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 from graphrl_jax.rl.config import PPOConfig, PPOHyper
 from graphrl_jax.task import Task
@@ -52,6 +52,7 @@ class Settings:
 
     def __post_init__(self) -> None:
         method_named(self.reward)
+        preset_named(self.preset)
         for name in ("demonstrations", "updates", "updates_per_chunk", "episodes"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}; allowed: 1 or more")
@@ -98,18 +99,15 @@ def compose(
     Raises:
       ValueError: an unknown name, a value that is not allowed, or a request that does not affect this reward.
     """
-    method, pretrain, ppo = method_named(reward), dict(pretrain or {}), dict(ppo or {})
-    if preset not in PRESETS:
-        raise ValueError(f"unknown preset {preset!r}; known presets: {', '.join(PRESETS)}")
-    sizes = PRESETS[preset]
+    method, sizes = method_named(reward), preset_named(preset)
     updates = sizes.updates if updates is None else updates
-    floats, config_fields = _of(PretrainHyper, pretrain), _of(PretrainConfig, pretrain)
+    floats, config_fields = _shared_out("pretrain", pretrain, PretrainHyper, PretrainConfig)
+    ppo_floats, ppo_fields = _shared_out("ppo", ppo, PPOHyper, PPOConfig)
     ablated = _ablated_floats(reward, method, ablations)
+    useless = [name for name in floats if name not in method.floats]
+    for name in useless + (list(config_fields) if method.encoder is None else []):
+        raise ValueError(f"pretrain.{name} changes nothing about reward {reward}; allowed: {', '.join(method.floats)}")
     for name in floats:
-        if name not in method.floats:
-            raise ValueError(
-                f"pretrain.{name} changes nothing about reward {reward}; allowed: {', '.join(method.floats)}"
-            )
         if name in ablated:
             raise ValueError(f"pretrain.{name} is asked for, but an ablation of {', '.join(ablations)} sets it")
     episode = {"episode_length": task.episode_length}
@@ -126,16 +124,16 @@ def compose(
         episodes=sizes.episodes,
         pretrain_config=replace(_pretrain_config(sizes, method, ablations), **config_fields),
         pretrain=PretrainHyper(**{**task.pretrain_overrides, **method.overrides, **ablated, **floats}),
-        ppo_config=replace(sizes.ppo, **episode | _of(PPOConfig, ppo)),
-        ppo=PPOHyper(**decay | _of(PPOHyper, ppo)),
+        ppo_config=replace(sizes.ppo_config, **episode | ppo_fields),
+        ppo=PPOHyper(**decay | ppo_floats),
     )
 
 
 def _pretrain_config(sizes: Preset, method: Method, ablations: Sequence[str]) -> PretrainConfig:
     """The preset's sizes with the method's encoder and the ablations."""
     if method.encoder is None:
-        return sizes.pretrain["graphs"]
-    config = sizes.pretrain[method.needs]
+        return sizes.pretrain_config["graphs"]
+    config = sizes.pretrain_config[method.needs]
     left_out = [ABLATIONS[name] for name in ablations]
     encoder = replace(config.encoder, kind=method.encoder, edges=all(one.edges for one in left_out))
     return replace(config, encoder=encoder, persistent=all(one.persistent for one in left_out))
@@ -153,9 +151,19 @@ def _ablated_floats(reward: str, method: Method, ablations: Sequence[str]) -> di
     return floats
 
 
-def _of(kind: type, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The values that are fields of `kind`."""
-    return {one.name: values[one.name] for one in fields(kind) if one.name in values}
+def _shared_out(group: str, values: Mapping[str, Any] | None, *kinds: type) -> list[dict[str, Any]]:
+    """The requested values of a group as one dict per config class, after a check that all names are known."""
+    values = values or {}
+    known = [name for kind in kinds for name in _names(kind)]
+    for name in values:
+        if name not in known:
+            raise ValueError(f"unknown field {group}.{name}; known fields: {', '.join(known)}")
+    return [{name: values[name] for name in _names(kind) if name in values} for kind in kinds]
+
+
+def _names(kind: type) -> list[str]:
+    """Names of the fields of a dataclass."""
+    return [one.name for one in fields(kind)]
 
 
 def as_json(settings: Settings) -> dict[str, Any]:
@@ -175,11 +183,26 @@ def from_json(values: Mapping[str, Any]) -> Settings:
 def _built(kind: type, values: Mapping[str, Any], prefix: str) -> Any:
     """A dataclass from JSON, nested dataclasses included."""
     kinds = typing.get_type_hints(kind)
+    if not isinstance(values, Mapping):
+        raise ValueError(f"settings: {prefix.rstrip('.')} is {values!r}; allowed: an object of {', '.join(kinds)}")
     for name in sorted(values.keys() ^ kinds.keys()):
         raise ValueError(f"settings: {prefix}{name} is {'missing' if name in kinds else 'unknown'}")
     made = {}
     for name, value in values.items():
-        if is_dataclass(kinds[name]):
-            value = _built(kinds[name], value, f"{prefix}{name}.")
-        made[name] = tuple(value) if isinstance(value, list) else value
+        build = _built if is_dataclass(kinds[name]) else _leaf
+        made[name] = build(kinds[name], value, f"{prefix}{name}." if build is _built else f"{prefix}{name}")
     return kind(**made)
+
+
+def _leaf(hint: Any, value: Any, name: str) -> Any:
+    """A value from JSON, after a check of its type; a config class checks which values are allowed."""
+    if typing.get_origin(hint) is tuple:
+        if not isinstance(value, list | tuple):
+            raise ValueError(f"settings: {name} is {value!r}; allowed: a list")
+        return tuple(_leaf(typing.get_args(hint)[0], one, name) for one in value)
+    allowed = (str,) if typing.get_origin(hint) is typing.Literal else typing.get_args(hint) or (hint,)
+    # JSON does not tell 1 from 1.0.
+    if type(value) not in ((*allowed, int) if float in allowed else allowed):
+        names = " or ".join(getattr(kind, "__name__", str(kind)) for kind in allowed)
+        raise ValueError(f"settings: {name} is {value!r}; allowed: {names}")
+    return value

@@ -92,16 +92,18 @@ def plan(
       pretrain, ppo, common: see `settings.compose`; the same for all members.
 
     Raises:
-      ValueError: there is no seed, or see `settings.compose`.
+      ValueError: there is no seed, a field is swept and set, or see `settings.compose`.
     """
     if not seeds:
-        raise ValueError("--seeds is 0; allowed: 1 or more")
+        raise ValueError("a sweep has 0 seeds; allowed: 1 or more")
     members = []
     for combination in itertools.product(*values.values()):
         swept = dict(zip(values, combination, strict=True))
         groups = {"pretrain": dict(pretrain), "ppo": dict(ppo)}
         for name, value in swept.items():
             group, field = name.split(".")
+            if field in groups[group]:
+                raise ValueError(f"{name} is swept, and also set to {groups[group][field]} for all members")
             groups[group][field] = value
         for seed in seeds:
             settings = compose(task, seed=seed, **groups, **common)
@@ -122,10 +124,10 @@ def start(out: Path, members: Sequence[SweepMember], request: Mapping[str, Any])
 
 
 def start_members(members: Sequence[SweepMember]) -> None:
-    """Creates the folders of members that have none yet."""
+    """Creates the folders of members that have none yet, or none with a config.json."""
     for member in members:
-        if not member.run.path.exists():
-            Run.start(member.run.path, member.settings)
+        if not (member.run.path / "config.json").exists():
+            member.run.write_config("train", as_json(member.settings))
 
 
 def resume(out: Path) -> tuple[list[SweepMember], dict[str, Any]]:
@@ -140,5 +142,5 @@ def resume(out: Path) -> tuple[list[SweepMember], dict[str, Any]]:
             SweepMember(Run(out / row["name"]), from_json(row["settings"]), row["swept"]) for row in config["members"]
         ]
         return members, config["request"]
-    except (KeyError, TypeError) as error:
+    except (KeyError, TypeError, ValueError) as error:
         raise RunError(f"{out}/config.json is damaged: {error}") from error

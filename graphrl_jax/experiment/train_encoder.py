@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import jax
@@ -35,6 +35,7 @@ class EncoderJob:
     hyper: PretrainHyper
     seed: int
 
+    @cached_property
     def split(self) -> tuple[Demonstrations, Demonstrations]:
         """Successes for training, and held-out successes."""
         return self.demonstrations.successes().split(FITTED_SHARE, self.seed)
@@ -72,12 +73,12 @@ def train_encoders(
     trained = []
     for job, one, state in zip(jobs, inputs, states, strict=True):
         model = _fit_reward(job, config, one.data, state)
-        trained.append((model, {**encoder_metrics(model, job.split()[1]), "pretrain_s": seconds}))
+        trained.append((model, {**encoder_metrics(model, job.split[1]), "pretrain_s": seconds}))
     return trained
 
 
 def _inputs(job: EncoderJob, config: PretrainConfig) -> _Inputs:
-    data = trainer.prepare(job.split()[0], config.encoder.image_size)
+    data = trainer.prepare(job.split[0], config.encoder.image_size)
     state = trainer.init(config, data.objects, stage_key(job.seed, RunStage.PRETRAIN))
     return _Inputs(as_float32(job.hyper), data, state)
 
@@ -144,7 +145,7 @@ def _fit_reward(job: EncoderJob, config: PretrainConfig, data: PretrainData, sta
     shown = trainer.shown_frames(config, as_float32(job.hyper), data, stage_key(job.seed, RunStage.GOAL))
     pooling = trainer.pooling_params(config, job.hyper)
     image_size = config.encoder.image_size
-    model = fit_reward(state.params["encoder"], job.split()[0], pooling, shown, job.hyper.even, image_size)
+    model = fit_reward(state.params["encoder"], job.split[0], pooling, shown, job.hyper.even, image_size)
     save_tree(job.run.path / "encoder.npz", model)
     return model
 

@@ -144,9 +144,7 @@ def judge(found: Sequence[Sequence[int]], true: Sequence[Sequence[int]], lengths
     }
 
 
-def demonstration_subtasks(
-    model: RewardModel, demonstrations: Demonstrations, method: SubtaskMethod = "rests"
-) -> dict[str, Any]:
+def demonstration_subtasks(model: RewardModel, demonstrations: Demonstrations, method: SubtaskMethod) -> dict[str, Any]:
     """Subtask boundaries of every demonstration, judged against the true events if there are any.
 
     Args:

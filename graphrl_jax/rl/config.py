@@ -6,7 +6,10 @@ Plain Python, so that commands start without JAX.
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-Activation = Literal["elu", "gelu", "leaky_relu", "linear", "relu", "selu", "sigmoid", "softplus", "swish", "tanh"]
+Activation = Literal[
+    "celu", "elu", "gelu", "hard_sigmoid", "hard_silu", "hard_swish", "hard_tanh", "leaky_relu", "linear",
+    "log_sigmoid", "mish", "relu", "relu6", "selu", "sigmoid", "silu", "soft_sign", "softplus", "swish", "tanh",
+]  # fmt: skip
 """Brax's names of activations."""
 ACTIVATIONS: tuple[str, ...] = get_args(Activation)
 

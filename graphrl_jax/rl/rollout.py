@@ -103,6 +103,9 @@ def record(
       task: task of the episodes; sets their length and events.
       config, make_env, reward_params, policy_params, key: see `episode_outcomes`.
       episodes: number of episodes.
+
+    Returns:
+      All frames on the host, see `Rollout`.
     """
 
     @partial(jit_physics, static_argnums=3)

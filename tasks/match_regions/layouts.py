@@ -82,7 +82,7 @@ class Layout(Protocol):
 
     Attributes:
       blocks: M, the number of block slots.
-      fixed: every episode has the blocks and forces of `demo_scene`; only poses and the region may differ.
+      fixed: every episode has the blocks and forces of `demo_world`; only poses and the region may differ.
     """
 
     @property
@@ -96,7 +96,7 @@ class Layout(Protocol):
         ...
 
 
-def demo_scene(blocks: int = 5) -> World:
+def demo_world(blocks: int = 5) -> World:
     """The scene of MAGICAL's demonstrations, on the host; slots beyond its five blocks are empty."""
     return World(
         region=np.array(REGION, np.float32),
@@ -176,7 +176,7 @@ class Demo:
 
     def sample(self, key: jax.Array) -> Start:
         poses = jnp.concatenate([ROBOT_START[None], BLOCK_STARTS])
-        return begin(jittered(key, poses, self.jitter, self.jitter), jax.tree.map(jnp.asarray, demo_scene()))
+        return begin(jittered(key, poses, self.jitter, self.jitter), jax.tree.map(jnp.asarray, demo_world()))
 
 
 @dataclass(frozen=True)

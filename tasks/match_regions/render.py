@@ -64,7 +64,7 @@ def draw_scene(
 
 def episode_frames(
     qpos: np.ndarray,
-    scenes: World,
+    worlds: World,
     boxes: np.ndarray,
     mask: np.ndarray,
     active: np.ndarray,
@@ -76,7 +76,7 @@ def episode_frames(
 
     Args:
       qpos: (T, 5 + 3M).
-      scenes: leaves (T, ...); the frames of an episode share one scene.
+      worlds: leaves (T, ...); the frames of an episode share one world.
       boxes: (T, N, 4), see `draw_scene`.
       mask: (T, N) bool.
       active: (T, N) bool.
@@ -88,7 +88,7 @@ def episode_frames(
       (T, size, 2 size, 3) uint8.
     """
     panel = RewardPanel(rewards, size, label, 1 / CONTROL_DT)
-    world = World(*(np.asarray(leaf)[0] for leaf in scenes))
+    world = World(*(np.asarray(leaf)[0] for leaf in worlds))
     frames = [
         np.concatenate([draw_scene(qpos[t], world, size, boxes[t], mask[t], active[t]), panel.draw(t)], axis=1)
         for t in range(len(qpos))

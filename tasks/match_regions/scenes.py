@@ -50,7 +50,7 @@ def _sample(task: MatchRegionsEnv, key: jax.Array) -> Start:
     start = task.layout.sample(key)
     if task.layout.fixed:
         return start
-    world = layouts.demo_scene(task.layout.blocks)._replace(region=start.world.region)
+    world = layouts.demo_world(task.layout.blocks)._replace(region=start.world.region)
     # Blocks that the variant left out get their Demo places.
     known = blocks(start.qpos)[:5]
     missing = jnp.any(jnp.abs(known[:, :2]) > 1.0, axis=-1, keepdims=True)

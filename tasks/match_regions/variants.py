@@ -27,7 +27,7 @@ _OTHER_COLOUR = np.array([1, 2, 2, 0, 0, 1])
 _FILLED_FROM = np.array([1, 1, 2, 1, 2, 2])
 _DEMO_COUNTS = np.array([0, 1, 2])
 # Shapes of the Demo scene; slots that it leaves empty have any shape.
-_SHAPES = layouts.demo_scene(BLOCKS).shapes
+_SHAPES = layouts.demo_world(BLOCKS).shapes
 # Uniform ranges of MAGICAL's dynamics, as factors on its defaults; see `layouts.World.strengths`.
 _WEAKEST = np.array([2.2 / 3, 0.7, 2.5 / 4, 1.0 / 1.5, 0.7], np.float32)
 _STRONGEST = np.array([3.5 / 3, 1.5, 4.5 / 4, 1.8 / 1.5, 1.5], np.float32)

@@ -6,7 +6,7 @@ import jax
 import pytest
 
 from benchmarks import sweeps
-from graphrl_jax.runtime import CompileLog
+from graphrl_jax.runtime import ProcessLog
 
 
 class Curve:
@@ -31,7 +31,7 @@ def test_a_sweep_is_compared_with_its_members_alone(monkeypatch):
         time.sleep(0.05)
         trained.append(len(jobs))
 
-    found = sweeps.compared(make_jobs, train, CompileLog(), "pretrain")
+    found = sweeps.compared(make_jobs, train, ProcessLog(), "pretrain")
     assert trained == [2, 1, 1] and found["members"] == 2
     assert cleared == [0, 1, 2]  # every training begins with nothing compiled
     assert found["of_separate_runs"] == pytest.approx(0.5, abs=0.1)

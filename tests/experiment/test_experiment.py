@@ -1,15 +1,20 @@
 """Whole runs on a task that lives in a package outside the repository: what they leave, and that they go on."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
 
+import jax
 import numpy as np
 import pytest
 
 from graphrl_jax import cli
-from tests.helpers.commands import TRAIN, arrays, call, finished_run, numbers
+from graphrl_jax.experiment import experiment
+from graphrl_jax.experiment.settings import compose
+from graphrl_jax.registry import make_task
+from tests.helpers.commands import TRAIN, arrays, call, contents, finished_run, numbers
 
 pytestmark = pytest.mark.usefixtures("outside_package")
 
@@ -66,3 +71,38 @@ def test_a_killed_run_resumes_to_the_same_numbers(finished, tmp_path, file):
     assert expected.keys() == found.keys()
     for name, array in expected.items():
         np.testing.assert_array_equal(found[name], array, err_msg=name)
+
+
+def test_a_finished_run_is_left_as_it_is(finished, tmp_path):
+    """Also where it is without what only training needs, as the released runs are."""
+    out = tmp_path / "finished"
+    shutil.copytree(finished, out)
+    for name in ("encoder.json", "demonstrations.npz", "train_state.npz"):
+        (out / name).unlink()
+    before = contents(out)
+    answer = call(cli.train_main, "--out", out, "--resume")
+    assert contents(out) == before
+    assert answer["success_rate"] == json.loads((out / "summary.json").read_text())["success_rate"]
+
+
+def test_demonstrations_that_went_astray_are_made_again(finished, tmp_path):
+    out = tmp_path / "astray"
+    shutil.copytree(finished, out)
+    for name in ("summary.json", "demonstrations.npz"):
+        (out / name).unlink()
+    call(cli.train_main, "--out", out, "--resume")
+    assert numbers(out) == numbers(finished)
+    expected, found = arrays(finished / "demonstrations.npz"), arrays(out / "demonstrations.npz")
+    for name, array in expected.items():
+        np.testing.assert_array_equal(found[name], array, err_msg=name)
+
+
+def test_environments_that_devices_cannot_share_are_refused_at_once(monkeypatch):
+    task = make_task("carry")
+    settings = compose(task, preset="smoke")
+    experiment.refuse_impossible(task, settings)
+    devices = 3 * jax.devices()
+    monkeypatch.setattr(jax, "devices", lambda: devices)
+    with pytest.raises(ValueError, match="num_envs is 64; allowed on 3 devices: multiples of 3"):
+        experiment.refuse_impossible(task, settings)
+    experiment.refuse_impossible(task, settings, members=3)

@@ -21,7 +21,7 @@ def test_every_row_composes(name, preset):
     for field, value in method.overrides.items():
         assert getattr(settings.pretrain, field) == value
     if method.encoder is not None:
-        sizes = PRESETS[preset].pretrain[method.needs]
+        sizes = PRESETS[preset].pretrain_config[method.needs]
         assert settings.pretrain_config.encoder.kind == method.encoder
         assert (settings.pretrain_config.steps, settings.image_size is None) == (sizes.steps, method.needs == "graphs")
 

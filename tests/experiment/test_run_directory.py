@@ -52,7 +52,7 @@ def test_a_config_of_another_version_or_command_is_refused_with_one_sentence(sta
 def test_a_damaged_config_names_the_field(started):
     run, _ = started
     change(run, seed=GONE)
-    with pytest.raises(ValueError, match="settings: seed is missing"):
+    with pytest.raises(RunError, match=r"config.json: settings: seed is missing"):
         run.settings()
     change(run, seed=0, updates="many")
     with pytest.raises(RunError, match="config.json"):

@@ -56,6 +56,8 @@ def test_what_is_asked_for_goes_over_the_method_over_the_task_over_the_preset():
 @pytest.mark.parametrize("reward", METHODS)
 def test_json_gives_back_the_same_settings(carry, reward, preset):
     ablations, asked = METHODS[reward].ablations[:1], {"tau": 0.125, "steps": 17}
+    if METHODS[reward].encoder is None:
+        asked.pop("steps")
     settings = compose(carry, reward, preset, 3, "demos.npz", ablations, 12, asked, {"clip": 0.3, "num_envs": 512})
     assert from_json(json.loads(json.dumps(as_json(settings)))) == settings
     assert hash(from_json(json.loads(json.dumps(as_json(settings)))).ppo_config) == hash(settings.ppo_config)
@@ -88,7 +90,10 @@ def test_a_field_that_is_missing_or_unknown_is_an_error_that_names_it(carry, pat
         ({"pretrain": {"alpha": math.inf}}, "pretrain.alpha is inf; allowed: finite numbers"),
         ({"ppo": {"clip": math.nan}}, "ppo.clip is nan; allowed: finite numbers"),
         ({"ppo": {"num_envs": 5}}, r"num_envs is 5; allowed: a multiple of num_minibatches \(16\)"),
-        ({"ppo": {"activation": "step"}}, "activation is 'step'; allowed: elu, "),
+        ({"ppo": {"activation": "step"}}, "activation is 'step'; allowed: celu, elu, "),
+        ({"pretrain": {"alhpa": 4.0}}, "unknown field pretrain.alhpa; known fields: learning_rate, "),
+        ({"ppo": {"learning_rat": 1e-3}}, "unknown field ppo.learning_rat; known fields: learning_rate, "),
+        ({"reward": "env", "pretrain": {"steps": 4}}, "pretrain.steps changes nothing about reward env; allowed: tau"),
         (
             {"pretrain": {"alpha": 2.0}, "ablations": ("activity",)},
             "pretrain.alpha is asked for, but an ablation of activity sets it",
@@ -98,3 +103,36 @@ def test_a_field_that_is_missing_or_unknown_is_an_error_that_names_it(carry, pat
 def test_a_value_that_is_not_allowed_is_an_error_that_names_it(carry, asked, message):
     with pytest.raises(ValueError, match=message):
         compose(carry, **asked)
+
+
+@pytest.mark.parametrize(
+    "path, value, allowed",
+    [
+        ("seed", "a", "int"),
+        ("seed", True, "int"),
+        ("updates", 1.5, "int"),
+        ("demos", 3, "str or NoneType"),
+        ("preset", "nonsense", "smoke, cpu, gpu"),
+        ("pretrain.alpha", "2", "float"),
+        ("pretrain_config.persistent", 1, "bool"),
+        ("pretrain_config.encoder.kind", 0, "str"),
+        ("ppo_config.policy_hidden", [8.5], "int"),
+        ("ppo_config.policy_hidden", "8", "a list"),
+        ("ppo", None, "an object of learning_rate, "),
+    ],
+)
+def test_a_value_of_another_type_is_an_error_that_names_it(carry, path, value, allowed):
+    values = json.loads(json.dumps(as_json(compose(carry))))
+    *groups, field = path.split(".")
+    group = values
+    for name in groups:
+        group = group[name]
+    group[field] = value
+    with pytest.raises(ValueError, match=f"{path.split('.')[0]}.*(allowed|known presets): .*{allowed}"):
+        from_json(values)
+
+
+def test_json_writes_whole_floats_as_it_likes(carry):
+    values = json.loads(json.dumps(as_json(compose(carry))))
+    values["pretrain"]["alpha"] = 2
+    assert from_json(values) == compose(carry)

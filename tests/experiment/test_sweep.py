@@ -10,7 +10,7 @@ from graphrl_jax.experiment import batching
 from graphrl_jax.experiment.methods import METHODS
 from graphrl_jax.experiment.run_directory import Run, RunError
 from graphrl_jax.experiment.settings import compose
-from graphrl_jax.experiment.sweep import parse_values, plan, resume, start, sweepable
+from graphrl_jax.experiment.sweep import parse_values, plan, resume, start, start_members, sweepable
 from graphrl_jax.registry import make_task
 from tests.helpers.commands import TRAIN, call
 
@@ -61,7 +61,7 @@ def test_members_are_every_combination_with_every_seed(tmp_path):
         carry, "graph", "smoke", 3, updates=2, pretrain={"alpha": 4.0, **sizes}, ppo={"num_envs": 8, "clip": 0.1}
     )
     assert members[2].settings == alone
-    with pytest.raises(ValueError, match="--seeds is 0; allowed: 1 or more"):
+    with pytest.raises(ValueError, match="a sweep has 0 seeds; allowed: 1 or more"):
         plan(tmp_path, carry, VALUES, (), {}, {})
 
 
@@ -147,3 +147,16 @@ def test_a_sweep_in_groups_gives_the_same_numbers(tmp_path, monkeypatch):
         first = [json.loads(way[0]) for way in lines]
         np.testing.assert_allclose(first[0]["loss"], first[1]["loss"], rtol=1e-3)
         assert not (tmp_path / "groups" / name / "policy.npz").exists()
+
+
+def test_a_field_is_swept_or_set(tmp_path):
+    with pytest.raises(ValueError, match="pretrain.alpha is swept, and also set to 7.0 for all members"):
+        plan(tmp_path, make_task("carry"), {"pretrain.alpha": (1.0, 2.0)}, [0], {"alpha": 7.0}, {})
+
+
+def test_a_member_whose_folder_was_left_empty_gets_its_settings(tmp_path):
+    members = plan(tmp_path / "sweep", make_task("carry"), {"ppo.clip": (0.1, 0.2)}, [0], {}, {}, preset="smoke")
+    start(tmp_path / "sweep", members, {})
+    (members[1].run.path / "config.json").unlink()
+    start_members(members)
+    assert members[1].run.settings() == members[1].settings

@@ -17,7 +17,7 @@ DATA = Path(os.environ.get("GRAPHRL_DATA", Path(__file__).parents[3] / "shared" 
 RECORDED = DATA / "magical_match_regions"
 """MAGICAL's demonstrations and their true states, where somebody has put them."""
 TASK = MatchRegions()
-DEMO = layouts.demo_scene()
+DEMO = layouts.demo_world()
 # Iterations enough for the solver to converge.
 SOLVED = Physics(iterations=20, ls_iterations=20)
 

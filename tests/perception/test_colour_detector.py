@@ -7,11 +7,11 @@ import pytest
 from graphrl_jax.perception.colour_detector import ColourDetector, Look
 from graphrl_jax.viz.video import write_video
 from tasks.match_regions import geometry, magical
-from tasks.match_regions.layouts import demo_scene
+from tasks.match_regions.layouts import demo_world
 from tests.helpers.drawings import SCENE, draw
 
 POSES = np.array([[*place, angle] for _, _, place, angle in SCENE.values()], np.float32)
-_DEMO = demo_scene()
+_DEMO = demo_world()
 TRUE = np.concatenate([[geometry.region_box(_DEMO.region)], geometry.block_boxes(POSES, _DEMO.shapes)])
 CLASSES = (0, 2, 3, 4, 5, 6)
 

@@ -106,7 +106,7 @@ def test_subtasks_of_demonstrations_are_judged_by_their_events(monkeypatch):
     monkeypatch.setattr(subtasks, "demonstration_rewards", lambda *_: np.stack([rewards, rewards]))
     model: Any = SimpleNamespace(kappa=np.float32(1 / 3))
     plain = replace(demonstrations(2, 320), lengths=np.array([320, 200], np.int32))
-    found = subtasks.demonstration_subtasks(model, plain)
+    found = subtasks.demonstration_subtasks(model, plain, "rests")
     whole, cut = found["subtasks"]
     assert set(found) == {"subtasks"} and (whole["length"], cut["length"]) == (320, 200) and whole["kind"] is None
     np.testing.assert_allclose(whole["boundaries"], [80, 190, 270], atol=4)
@@ -117,7 +117,7 @@ def test_subtasks_of_demonstrations_are_judged_by_their_events(monkeypatch):
         event_names=("first", "second", "third"),
         kinds=np.array(["success", "failure"]),
     )
-    found = subtasks.demonstration_subtasks(model, labelled)
+    found = subtasks.demonstration_subtasks(model, labelled, "rests")
     assert found["judged"]["f1_at_5%"] == 1.0 and found["judged"]["true"] == 2.0
     assert [row["kind"] for row in found["subtasks"]] == ["success", "failure"]
     stepped = subtasks.demonstration_subtasks(model, plain, "change_points")["subtasks"][0]["boundaries"]

@@ -38,7 +38,7 @@ def test_the_expert_succeeds_and_failures_fail(rollouts):
 def test_plans_of_failures_differ_in_what_goes_wrong_and_whether_it_is_tried_again():
     draw = jax.vmap(expert.draw_plan, in_axes=(0, None))
     for kind, name in enumerate(("success", *expert.FAILURES)):
-        plans = draw(jax.random.split(jax.random.key(kind), 200), kind)
+        plans = draw(jax.random.split(jax.random.key(kind), 200), jnp.int32(kind))
         found = {tuple(wrong) for wrong in np.asarray(plans.wrong).tolist()}
         lid, first, second, both = (True, False, False), (False, True, False), (False, False, True), (False, True, True)
         shoes = {first, second} if name == "one_shoe" else {first, second, both}
