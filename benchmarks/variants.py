@@ -68,7 +68,7 @@ def on_every_variant(path: Path, task: MatchRegions) -> dict[str, Any]:
         "reward": settings.reward,
         "training_seed": settings.seed,
         "env_steps": summary["env_steps"],
-        "wall_s": summary["wall_s"],
+        "wall_s": summary.get("wall_s"),
         "success": {name: float(jnp.mean(outcomes["success"])) for name, outcomes in found.items()},
         "score": {name: float(jnp.mean(outcomes["score"])) for name, outcomes in found.items()},
     }
