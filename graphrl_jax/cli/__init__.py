@@ -7,6 +7,7 @@ writes nothing. A command that succeeds prints one JSON line on standard output.
 
 import contextlib
 import importlib
+import io
 import json
 import sys
 from typing import Any
@@ -39,11 +40,14 @@ def train_main(args: list[str] | None = None) -> None:
 
 
 def _carry_out(request: Any) -> None:
+    name = dict(COMMANDS.values())[type(request)]
+    # MJX announces on import that Warp, an optional backend, is missing.
+    with contextlib.redirect_stdout(io.StringIO()):
+        command = importlib.import_module(f"{__name__}.{name}")
     try:
-        # Output of libraries, on import or later, is not part of the answer.
+        # Output of libraries is not part of the answer.
         with contextlib.redirect_stdout(sys.stderr):
-            module = dict(COMMANDS.values())[type(request)]
-            answer = importlib.import_module(f"{__name__}.{module}").run(request)
+            answer = command.run(request)
     except (ValueError, OSError) as error:
         print(f"error: {error}", file=sys.stderr)
         raise SystemExit(2) from None

@@ -1,6 +1,8 @@
 """`graphrl train`: what it refuses in one sentence, and that every learned reward trains like any other."""
 
 import json
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -13,6 +15,13 @@ from graphrl_jax.registry import make_task
 from tests.helpers.commands import TRAIN, arrays, call, contents, rejected
 
 pytestmark = pytest.mark.usefixtures("outside_package")
+
+
+def test_in_a_process_of_its_own_a_wrong_request_is_one_sentence_too():
+    command = [sys.executable, "-m", "graphrl_jax", "train", "--reward", "money"]
+    answer = subprocess.run(command, capture_output=True, text=True)
+    assert (answer.returncode, answer.stdout) == (2, "")
+    assert answer.stderr.startswith("error: unknown reward 'money'") and answer.stderr.count("\n") == 1
 
 
 @pytest.mark.parametrize(
