@@ -19,8 +19,7 @@ def throughput_table(result: Result) -> str:
     """Steps per second of training beside bare physics, and the ratios."""
     batches = result["batches"]
     sizes = [str(batch["num_envs"]) for batch in batches]
-    sizes[-1] += " environments"
-    columns = ["control steps/s (of bare physics) with", *sizes, "compile (s)", "memory (MiB)"]
+    columns = ["control steps/s (share of bare physics), by environments", *sizes, "compile (s)", "memory (MiB)"]
     rows = []
     for name, label in LABELS.items():
         cells = [f"{batch['steps_per_second'][name]:,.0f} ({batch['of_physics'][name]:.2f})" for batch in batches]

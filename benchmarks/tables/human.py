@@ -17,7 +17,7 @@ def human_table(result: Result) -> str:
     """How well recorded human demonstrations are seen."""
     overlaps = {
         "detector's boxes, overlap with the true ones": result["iou"],
-        "our task's boxes of the same states": result["iou_of_our_tasks_boxes"],
+        "boxes of our task for the recorded states": result["iou_of_our_tasks_boxes"],
     }
     speed = result["frames_per_second"]
     rows = [[label, *(f"{value:.3f}" for value in row.values())] for label, row in overlaps.items()]

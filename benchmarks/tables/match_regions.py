@@ -9,14 +9,14 @@ FURTHER = {
 }
 """What has a result file of its own; methods are in Table I."""
 AUDIT = {
-    "pair_accuracy": "pairs of random scenes in order",
-    "finished_above_unfinished": "finished above unfinished",
+    "pair_accuracy": "pairs of random scenes ordered as by the true distance",
+    "finished_above_unfinished": "finished scenes above unfinished ones",
     "maxima_inside": "maxima inside the region",
-    "within_above_beside": "within the region above just beside it",
-    "bump_bonus": "pay for bumping distractors",
+    "within_above_beside": "target within the region above target just outside",
+    "bump_bonus": "reward for bumping distractors",
     "value_order_correlation": "rank correlation with time",
-    "undiscounted": "successes above failures",
-    "discounted": "the same, discounted",
+    "undiscounted": "successes above failures, undiscounted",
+    "discounted": "successes above failures, discounted",
 }
 
 
@@ -126,5 +126,5 @@ def alphas_table(result: Result) -> str:
             *([member["encoder"][name] for member in members] for name in measures),
         ]
         rows.append([f"{alpha:g}", str(len(members)), *(spread(found) if found else "-" for found in columns)])
-    columns = ["alpha", "seeds", "success", "success in training", "after (M steps)", *measures.values()]
+    columns = ["alpha", "seeds", "success", "success in training", "environment steps (M)", *measures.values()]
     return table(columns, rows, f"Policies of {result['sweep']['updates']} updates {where(result)}")

@@ -11,7 +11,7 @@ LEFT_OUT = {
 }
 """Of our method, in Table II."""
 REWARDS = {
-    "true_progress": "share of subtasks truly left",
+    "true_progress": "true progress, from the simulator",
     "graph": METHODS["graph"].label,
     "graph_with_robot": METHODS["graph_with_robot"].label,
     "graph_robot_heard": "graph reward, robot left out of the pooling alone",
@@ -44,8 +44,8 @@ def discrimination_table(result: Result) -> str:
 def _discrimination(result: Result, labels: dict[str, str]) -> str:
     """A row per reward; one that no seed changes lies in the result itself."""
     columns = [
-        "reward", "rho", "the same of whole episodes", "AUROC", "the same of whole episodes",
-        "rank correlation with time: successes", "failures", "seeds",
+        "reward", "rho", "rho, whole episodes", "AUROC", "AUROC, whole episodes",
+        "rank correlation with time, successes", "rank correlation with time, failures", "seeds",
     ]  # fmt: skip
     rows = []
     for name, label in labels.items():
@@ -59,8 +59,8 @@ def _discrimination(result: Result, labels: dict[str, str]) -> str:
 def failures_table(result: Result) -> str:
     """The same for each kind of failure, for the graph reward w/o robot."""
     columns = [
-        "kind of failure", "rho", "the same of whole episodes", "the same of the subtasks truly left",
-        "AUROC of whole episodes",
+        "kind of failure", "rho", "rho, whole episodes", "rho of the true progress, whole episodes",
+        "AUROC, whole episodes",
     ]  # fmt: skip
     runs = [run for run in result["rewards"] if run["reward"] == "graph"]
     rows = []
