@@ -9,8 +9,10 @@ import contextlib
 import importlib
 import io
 import json
+import os
 import sys
-from typing import Any
+from collections.abc import Iterator
+from typing import Any, TextIO
 
 import tyro
 
@@ -44,11 +46,25 @@ def _carry_out(request: Any) -> None:
     # MJX announces on import that Warp, an optional backend, is missing.
     with contextlib.redirect_stdout(io.StringIO()):
         command = importlib.import_module(f"{__name__}.{name}")
-    try:
-        # Output of libraries is not part of the answer.
-        with contextlib.redirect_stdout(sys.stderr):
+    with _output_of_libraries_aside() as stdout:
+        try:
             answer = command.run(request)
-    except (ValueError, OSError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        raise SystemExit(2) from None
-    print(json.dumps(answer))
+        except (ValueError, OSError) as error:
+            print(f"error: {error}", file=sys.stderr)
+            raise SystemExit(2) from None
+        print(json.dumps(answer), file=stdout, flush=True)
+
+
+@contextlib.contextmanager
+def _output_of_libraries_aside() -> Iterator[TextIO]:
+    """Sends everything that is printed to standard error, and yields the standard output for the answer.
+
+    Compiled libraries print as well, some of them when the process ends. Their way to standard output is therefore
+    closed for good, unless somebody has replaced `sys.stdout`, as tests do.
+    """
+    stdout = sys.stdout
+    if stdout is sys.__stdout__:
+        stdout = os.fdopen(os.dup(stdout.fileno()), "w")
+        os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+    with contextlib.redirect_stdout(sys.stderr):
+        yield stdout
