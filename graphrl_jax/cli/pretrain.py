@@ -6,7 +6,8 @@ from graphrl_jax import demonstrations, runtime
 from graphrl_jax.cli.options import asked_for
 from graphrl_jax.cli.requests import Pretrain
 from graphrl_jax.experiment.audit import audit_reward
-from graphrl_jax.experiment.experiment import refuse_impossible
+from graphrl_jax.experiment.environments import refuse_undrawn
+from graphrl_jax.experiment.experiment import given_demonstrations
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import as_json, compose
 from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
@@ -30,7 +31,8 @@ def run(request: Pretrain) -> dict[str, Any]:
     )
     if settings.method.encoder is None:
         raise ValueError(f"reward {request.reward!r} has no encoder to train")
-    refuse_impossible(task, settings)
+    refuse_undrawn(task, settings.reward)
+    given_demonstrations(task, settings)
     folder = Run.create(request.out, "pretrain", as_json(settings))
     job = EncoderJob(folder, demos, settings.pretrain, settings.seed)
     with Progress() as progress:
