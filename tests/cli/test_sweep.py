@@ -5,25 +5,15 @@ import json
 import pytest
 
 from graphrl_jax import cli
-from graphrl_jax.experiment import batching
 from tests.helpers.commands import TRAIN, call, rejected
+from tests.helpers.compilations import count_compilations
 
 pytestmark = pytest.mark.usefixtures("outside_package")
 SWEEP = ["sweep", *TRAIN]
 
 
 def test_policies_of_a_sweep_are_trained_by_one_program_and_kept_as_runs(tmp_path, monkeypatch):
-    compiled: list[int] = []
-    fit = batching.fit
-
-    def counted(compile_for, members, budget=None):
-        def compile_and_count(size):
-            compiled.append(size)
-            return compile_for(size)
-
-        return fit(compile_and_count, members, budget)
-
-    monkeypatch.setattr(batching, "fit", counted)
+    compiled = count_compilations(monkeypatch)
     out = tmp_path / "sweep"
     values = ["--reward", "env", "--sweep", "ppo.learning_rate=1e-3,3e-3"]
     printed = call(cli.main, *SWEEP, *values, "--out", out)

@@ -13,6 +13,7 @@ from graphrl_jax.experiment.settings import compose
 from graphrl_jax.experiment.sweep import parse_values, plan, resume, start, start_members, sweepable
 from graphrl_jax.registry import make_task
 from tests.helpers.commands import TRAIN, call
+from tests.helpers.compilations import count_compilations
 
 pytestmark = pytest.mark.usefixtures("outside_package")
 SWEEP = ["sweep", *TRAIN]
@@ -83,17 +84,7 @@ def test_a_sweep_that_was_begun_comes_back_and_nothing_is_overwritten(tmp_path):
 
 @pytest.mark.slow
 def test_a_sweep_is_a_folder_of_runs(tmp_path, monkeypatch):
-    compiled: list[int] = []
-    fit = batching.fit
-
-    def counted(compile_for, members, budget=None):
-        def compile_and_count(size):
-            compiled.append(size)
-            return compile_for(size)
-
-        return fit(compile_and_count, members, budget)
-
-    monkeypatch.setattr(batching, "fit", counted)
+    compiled = count_compilations(monkeypatch)
     out = tmp_path / "sweep"
     values = ["--alphas", "1,4", "--sweep", "ppo.entropy_cost=0.01,0.02", "--seeds", "2"]
     call(cli.main, *SWEEP, *values, "--out", out)
