@@ -24,6 +24,10 @@ if jax.__version_info__ < (0, 11):
 jit_physics = partial(jax.jit, compiler_options=_OPTIONS)
 """`jax.jit` for programs that contain MJX physics."""
 
+# With asynchronous dispatch, a callback from a program on CPU can wait for ever for the copy of its own inputs, queued
+# behind the program (seen with arrays above some 50 kB). JAX reads this when its backend starts.
+jax.config.update("jax_cpu_enable_async_dispatch", False)
+
 _PACKAGES = ("jax", "jaxlib", "brax", "mujoco", "mujoco-mjx", "numpy", "graphrl_jax")
 # mallopt takes an int, so this is the largest threshold.
 _KEEP_BYTES, _TOP_PAD_BYTES = 2**31 - 1, 1 << 28

@@ -19,6 +19,7 @@ def run(request: Demos) -> dict[str, Any]:
         if value is not None and value < least:
             raise ValueError(f"--{name} is {value}; allowed: {least} or more")
     key = jax.random.key(request.seed)
-    made = make_task(request.task).demonstrate(key, request.num, request.failures, request.images)
+    task = make_task(request.task, request.engine)
+    made = task.demonstrate(key, request.num, request.failures, request.images)
     made.save(request.out)
     return {"out": str(request.out), "demonstrations": len(made), "successes": int(made.success.sum())}

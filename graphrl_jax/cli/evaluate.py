@@ -14,7 +14,7 @@ def run(request: Evaluate) -> dict[str, Any]:
     runtime.configure()
     if request.episodes < 1:
         raise ValueError(f"--episodes is {request.episodes}; allowed: 1 or more")
-    trained = load_run(request.run)
+    trained = load_run(request.run, request.engine)
     outcome = evaluate_policy(trained, request.episodes, request.seed)
     if request.video_episodes:
         video = request.out or request.run / f"evaluation_{request.seed}.mp4"

@@ -11,20 +11,21 @@ from graphrl_jax.experiment.methods import ABLATIONS, METHODS
 from graphrl_jax.experiment.presets import PRESETS
 from graphrl_jax.perception.config import FORMATS
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
-from graphrl_jax.registry import task_names
+from graphrl_jax.registry import ENGINES, task_names
 from graphrl_jax.reward.config import SUBTASK_METHODS
 from graphrl_jax.rl.config import PPOConfig, PPOHyper
 
 TaskName = Annotated[str, choice(task_names())]
 RewardName = Annotated[str, choice(METHODS)]
 PresetName = Annotated[str | None, optional(f"{{{','.join(PRESETS)}}}", "cpu, or gpu where there is one")]
+EngineName = Annotated[str | None, optional(f"{{{','.join(ENGINES)}}}", "the fastest on this device")]
 DemosFile = Annotated[Path | None, optional("PATH", "the expert makes them")]
 Ablations = Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"[{{{','.join(ABLATIONS)}}} ...]")]
 Updates = Annotated[int | None, optional("INT", "the preset's")]
 
-RESOLVED = ("encoder", "persistent")
+RESOLVED = ("encoder", "activity")
 """Fields of `PretrainConfig` that follow from method and ablations."""
-FOLLOWING = {"decay_updates": "all updates", "episode_length": "the task's"}
+FOLLOWING = {"decay_updates": "all updates", "episode_length": "the task's", "decision_steps": "the task's"}
 """Fields of PPO whose default follows from other settings."""
 _PRETRAIN = overrides(
     "PretrainOptions",
@@ -58,6 +59,7 @@ class Train:
       seed: source of all randomness.
       ablate: parts of the method to leave out.
       updates: policy updates.
+      engine: physics engine of the task.
       out: folder of the run.
       resume: continue the run in --out from its last checkpoint, with its own settings.
       coordinator: address and port of the first of several processes that train together, such as localhost:12345.
@@ -74,6 +76,7 @@ class Train:
     seed: int = 0
     ablate: Ablations = ()
     updates: Updates = None
+    engine: EngineName = None
     out: Annotated[Path | None, optional("PATH", "runs/TASK_REWARD_SEED")] = None
     resume: bool = False
     coordinator: Annotated[str | None, optional("HOST:PORT", "this process trains alone")] = None
@@ -94,6 +97,7 @@ class Demos:
       failures: number of deliberate failures, of every kind in turn.
       images: store an image of every frame, with this edge in pixels; for encoders of images.
       seed: source of all randomness.
+      engine: physics engine of the task.
     """
 
     out: Path
@@ -102,6 +106,7 @@ class Demos:
     failures: int = 0
     images: Annotated[int | None, optional("INT", "boxes alone")] = None
     seed: int = 0
+    engine: EngineName = None
 
 
 @dataclass(frozen=True)
@@ -134,6 +139,7 @@ class Evaluate:
       episodes: number of episodes.
       seed: seed of the episodes.
       video_episodes: episodes shown in the video; 0 writes none.
+      engine: physics engine of the task; it may differ from the training's.
       out: video file.
     """
 
@@ -141,6 +147,7 @@ class Evaluate:
     episodes: int = 256
     seed: int = 7
     video_episodes: int = 2
+    engine: EngineName = None
     out: Annotated[Path | None, optional("PATH", "evaluation_SEED.mp4 in the run's folder")] = None
 
 
@@ -201,6 +208,7 @@ class Sweep:
       seeds: number of seeds.
       first_seed: first seed.
       updates: policy updates.
+      engine: physics engine of the task.
       encoders_only: train and audit encoders, no policies.
       resume: continue the sweep in --out, with its own settings.
       pretrain: sizes and floats of pretraining, of every member; task and reward may have other defaults.
@@ -217,6 +225,7 @@ class Sweep:
     seeds: int = 1
     first_seed: int = 0
     updates: Updates = None
+    engine: EngineName = None
     encoders_only: bool = False
     resume: bool = False
     pretrain: PretrainOptions = field(default_factory=_PRETRAIN)

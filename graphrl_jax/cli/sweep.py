@@ -30,7 +30,7 @@ def run(request: Sweep) -> dict[str, Any]:
     """Carries the request out."""
     process_log = runtime.configure()
     members, encoders_only = _resumed(request.out) if request.resume else _started(request)
-    task = make_task(members[0].settings.task)
+    task = make_task(members[0].settings.task, members[0].settings.engine)
     extent = Extent(policies=not encoders_only, videos=False, resumed=request.resume)
     folder = request.out if len(members) > 1 else None
     with Progress() as progress:
@@ -54,7 +54,7 @@ def _started(request: Sweep) -> tuple[list[SweepMember], bool]:
     """The members of a new sweep, validated before anything is written, and whether only encoders are trained."""
     if request.seeds < 1:
         raise ValueError(f"--seeds is {request.seeds}; allowed: 1 or more")
-    task = make_task(request.task)
+    task = make_task(request.task, request.engine)
     texts = [] if request.alphas is None else [f"pretrain.alpha={request.alphas}"]
     members = sweep.plan(
         request.out,
@@ -67,6 +67,7 @@ def _started(request: Sweep) -> tuple[list[SweepMember], bool]:
         preset=request.preset or runtime.default_preset(),
         demos=None if request.demos is None else str(request.demos),
         updates=request.updates,
+        engine=request.engine,
     )
     experiment.refuse_impossible(task, members[0].settings, len(members))
     asked = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(request).items()}

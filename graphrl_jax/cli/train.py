@@ -23,7 +23,7 @@ def run(request: Train) -> dict[str, Any]:
     if request.coordinator is not None or request.processes > 1:
         request = _joined(request)
     member = _resumed(request) if request.resume else _started(request)
-    task = make_task(member.settings.task)
+    task = make_task(member.settings.task, member.settings.engine)
     with Progress() as progress:
         progress.note(f"run directory: {member.run.path}")
         extent = Extent(resumed=request.resume)
@@ -46,7 +46,7 @@ def _joined(request: Train) -> Train:
 
 def _started(request: Train) -> Member:
     """A new run, validated before anything is written."""
-    task = make_task(request.task)
+    task = make_task(request.task, request.engine)
     settings = compose(
         task,
         request.reward,
@@ -55,6 +55,7 @@ def _started(request: Train) -> Member:
         None if request.demos is None else str(request.demos),
         request.ablate,
         request.updates,
+        request.engine,
         asked_for(request.pretrain),
         asked_for(request.ppo),
     )

@@ -1,4 +1,4 @@
-"""Match Regions as a Brax environment on MJX: put the green star and the green square into the green region.
+"""Match Regions as a Brax environment: put the green star and the green square into the green region.
 
 Action (3,) in [-1, 1]: speed (0.8 units/s forwards, 0.6 backwards), turn (2.5 rad/s, counter-clockwise positive) and
 gripper (closed below 0, open from 0 on). These are MAGICAL's controls with continuous speed and turn. `observation.py`
@@ -12,9 +12,9 @@ from typing import Any, Literal, Self
 import jax
 import jax.numpy as jnp
 from brax.envs.base import Env, State
-from mujoco import mjx
 
 from graphrl_jax.graph import safe_norm
+from tasks.engine import Dynamics, Fields, make_engine
 from tasks.match_regions import geometry, layouts, magical, observation
 from tasks.match_regions.model import (
     CONTROL_DT,
@@ -44,11 +44,12 @@ class MatchRegionsEnv(Env):
       physics, reward: constants.
       targets_in_order: observe the current target first (see `observation.py`), else always the first target.
       varied: share of training episodes that start part of the way to the goal (see `layouts.Training`).
+      engine: name of the physics engine, see `tasks.engine`; default: the device's.
       control: `discrete` takes the number of a MAGICAL action, () int (see `magical.action`), for replays and planners;
         policies and the expert use `continuous`.
 
     Raises:
-      ValueError: the control is unknown.
+      ValueError: the control or the engine is unknown, or the engine cannot run here.
     """
 
     name = "match_regions"
@@ -66,6 +67,7 @@ class MatchRegionsEnv(Env):
         targets_in_order: bool = True,
         varied: float = layouts.Training.varied,
         control: Literal["continuous", "discrete"] = "continuous",
+        engine: str | None = None,
     ):
         if control not in ("continuous", "discrete"):
             raise ValueError(f"control is {control!r}; allowed: 'continuous' and 'discrete'")
@@ -79,8 +81,7 @@ class MatchRegionsEnv(Env):
         targets = self.objects.names[2 : 2 + layouts.NUM_TARGETS]
         self.event_names = tuple(f"{name}_placed" for name in (*targets, "both"))
         self.mj_model = build_model(self.physics, self.layout.blocks)
-        self._model = mjx.put_model(self.mj_model)
-        self._template = mjx.make_data(self.mj_model)
+        self.engine = make_engine(engine, self.mj_model)
 
     def reset(self, rng: jax.Array) -> State:
         qpos, moved, homes, world = self.layout.sample(rng)
@@ -111,36 +112,39 @@ class MatchRegionsEnv(Env):
         speed = action[0] * jnp.where(action[0] > 0, FORWARD_SPEED, BACKWARD_SPEED)
         opening = jnp.where(action[2] < 0, 0.0, FINGER_OPEN)
         finger_targets = jnp.stack([opening, -opening])
-        model = self._model_of(state.world)
+        fields = self.fields(state)
         drive_force = self.physics.drive_force * (1.0 if self.layout.fixed else state.world.strengths[0])
 
-        def substep(carry: tuple, _: None) -> tuple:
-            qpos, qvel, warmstart = carry
+        def substep(dynamics: Dynamics, _: None) -> tuple[Dynamics, None]:
+            qpos, qvel, _ = dynamics
             finger_rates = jnp.clip((finger_targets - qpos[3:5]) * _FINGER_GAIN, -FINGER_RATE, FINGER_RATE)
             velocity = self._drive(speed * geometry.heading(qpos[2]), qvel[:2], drive_force)
             ctrl = jnp.concatenate([velocity, action[1:2] * TURN_RATE, finger_rates])
-            data = self._template.replace(qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=ctrl)
-            data = mjx.step(model, data)
-            qpos = data.qpos - self.physics.lag * self.physics.timestep * (data.qvel - qvel)
-            return (qpos, data.qvel, data.qacc_warmstart), None
+            after, _ = self.engine.step(dynamics, ctrl, fields)
+            lag = self.physics.lag * self.physics.timestep * (after.qvel - qvel)
+            return after._replace(qpos=after.qpos - lag), None
 
-        carry = (state.qpos, state.qvel, state.warmstart)
-        (qpos, qvel, warmstart), _ = jax.lax.scan(substep, carry, None, length=self.physics.substeps)
-        return state._replace(qpos=qpos, qvel=qvel, warmstart=warmstart)
+        dynamics = Dynamics(state.qpos, state.qvel, state.warmstart)
+        dynamics, _ = jax.lax.scan(substep, dynamics, length=self.physics.substeps)
+        return state._replace(**dynamics._asdict())
 
-    def _model_of(self, world: layouts.World) -> mjx.Model:
-        """The model of one episode: its forces, and no walls for absent blocks."""
+    def fields(self, state: PhysicsState) -> Fields:
+        """Fields of the model in one episode: its forces, and no walls for absent blocks."""
         if self.layout.fixed:
-            return self._model
+            return {}
+        world = state.world
         drive, turn, finger, force, torque = world.strengths
         actuators = jnp.stack([drive, drive, turn, finger, finger])[:, None]
         frictions = jnp.concatenate([jnp.ones(5), jnp.tile(jnp.stack([force, force, torque]), self.layout.blocks)])
         away = jnp.concatenate([jnp.zeros(5, bool), jnp.repeat(~world.present, 3)])
-        return self._model.replace(
-            actuator_forcerange=self._model.actuator_forcerange * actuators,
-            dof_frictionloss=self._model.dof_frictionloss * frictions,
-            jnt_range=jnp.where(away[:, None], jnp.array([-_NO_LIMIT, _NO_LIMIT]), self._model.jnt_range),
-        )
+        model = self.mj_model
+        return {
+            "actuator_forcerange": jnp.asarray(model.actuator_forcerange, jnp.float32) * actuators,
+            "dof_frictionloss": jnp.asarray(model.dof_frictionloss, jnp.float32) * frictions,
+            "jnt_range": jnp.where(
+                away[:, None], jnp.array([-_NO_LIMIT, _NO_LIMIT]), jnp.asarray(model.jnt_range, jnp.float32)
+            ),
+        }
 
     def _drive(self, wanted: jax.Array, velocity: jax.Array, force: jax.Array | float) -> jax.Array:
         """Velocity command (2,) for the servos of both axes. A servo reaches its command within one sub-step, unless

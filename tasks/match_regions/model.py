@@ -189,5 +189,5 @@ def scene_xml(physics: Physics, blocks: int) -> str:
 
 
 def build_model(physics: Physics, blocks: int = 5) -> mujoco.MjModel:
-    """The compiled MuJoCo model of the scene, the input of `mjx.put_model`."""
+    """The compiled MuJoCo model of the scene, the input of an engine."""
     return mujoco.MjModel.from_xml_string(scene_xml(physics, blocks))

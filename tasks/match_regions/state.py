@@ -12,7 +12,7 @@ GRASP_REACH = 0.32
 
 
 class PhysicsState(NamedTuple):
-    """State kept between steps; the rest of `mjx.Data` is rebuilt from a template. V = 5 + 3M.
+    """State kept between steps; the rest of the simulation follows from it. V = 5 + 3M.
 
     | field            | shape | dtype   | meaning                                                               |
     |------------------|-------|---------|-----------------------------------------------------------------------|

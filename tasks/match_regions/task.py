@@ -1,5 +1,7 @@
 """Match Regions as a task: the environment with its expert, audit scenes and drawings."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, Self
 
 import jax
@@ -17,7 +19,10 @@ from tasks.match_regions.state import PhysicsState
 class MatchRegions(MatchRegionsEnv, Task):
     """See `MatchRegionsEnv` for the arguments."""
 
-    def training(self) -> Self:
+    # Blocks may be brought in any order.
+    pretrain_overrides: Mapping[str, float] = MappingProxyType({"in_order": 0.0})
+
+    def training(self, starts: Any = None) -> Self:
         if self.control == "discrete":
             raise ValueError("policies act continuously; allowed: control 'continuous'")
         return self.changed(layout=layouts.Training(self.layout, self.varied))

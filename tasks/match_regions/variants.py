@@ -128,9 +128,9 @@ VARIANTS = {
 """Variants by name, combined as in MAGICAL."""
 
 
-def make(name: str) -> MatchRegions:
+def make(name: str, engine: str | None = None) -> MatchRegions:
     """The task with the starts of one of `VARIANTS`; registered as `match_regions_<name>`."""
-    task = MatchRegions(VARIANTS[name])
+    task = MatchRegions(VARIANTS[name], engine=engine)
     task.name = f"match_regions_{name}"
     return task
 

@@ -37,6 +37,18 @@ def test_demonstrations_are_not_overwritten(capsys, demos_file):
     assert str(demos_file) in message and demos_file.read_bytes() == before
 
 
+@pytest.mark.parametrize(
+    "task, engine, message",
+    [
+        ("match_regions", "bullet", "unknown engine 'bullet'; known engines: mjx, mujoco, warp"),
+        ("carry", "mjx", "task 'carry' has one engine of its own; leave the engine 'mjx' out"),
+    ],
+)
+def test_an_engine_that_there_is_not_is_one_sentence(capsys, tmp_path, task, engine, message):
+    arguments = ["demos", "--task", task, "--engine", engine, "--out", tmp_path / "demos.npz"]
+    assert message in rejected(capsys, arguments, main=cli.main) and not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("option, least", [("num", 1), ("failures", 0), ("images", 1)])
 def test_too_few_are_one_sentence(capsys, tmp_path, option, least):
     arguments = ["demos", "--task", "carry", f"--{option}", least - 1, "--out", tmp_path / "demos.npz"]

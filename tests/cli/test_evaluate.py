@@ -25,5 +25,10 @@ def test_evaluating_what_is_no_run_is_one_sentence(capsys, tmp_path):
     assert "config.json" in rejected(capsys, ["evaluate", tmp_path], main=cli.main)
 
 
+def test_an_engine_for_a_task_of_one_engine_is_one_sentence(capsys, finished):
+    message = rejected(capsys, ["evaluate", finished, "--engine", "mjx"], main=cli.main)
+    assert "task 'carry' has one engine of its own; leave the engine 'mjx' out" in message
+
+
 def test_no_episodes_are_one_sentence(capsys, tmp_path):
     assert "--episodes is 0" in rejected(capsys, ["evaluate", tmp_path, "--episodes", 0], main=cli.main)

@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 from dataclasses import asdict, fields
+from typing import Any
 
 import pytest
 
@@ -13,6 +14,7 @@ from graphrl_jax.cli import train as train_command
 from graphrl_jax.experiment import experiment
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 from graphrl_jax.rl.config import PPOConfig, PPOHyper
+from tasks.shoes_in_box.task import ShoesInBox
 from tests.helpers.commands import TRAIN
 
 pytestmark = pytest.mark.usefixtures("outside_package")
@@ -29,9 +31,9 @@ def configured(monkeypatch, tmp_path):
     def stop(*_: object) -> None:
         raise Begun
 
-    def configured(*arguments: str) -> dict:
+    def configured(*arguments: str, train: list[str] = TRAIN) -> dict:
         with pytest.raises(Begun):
-            cli.train_main([*TRAIN, *arguments, "--out", str(tmp_path / "run")])
+            cli.train_main([*train, *arguments, "--out", str(tmp_path / "run")])
         return json.loads((tmp_path / "run" / "config.json").read_text())
 
     monkeypatch.setattr(experiment, "run", stop)
@@ -44,6 +46,7 @@ PRETRAIN_SIZES = {"steps": 7, "batch_size": 3, "num_frames": 5, "decode_from": "
 PPO_FLOATS = {field.name: 0.375 for field in fields(PPOHyper)}
 PPO_SIZES = {
     "num_envs": 12, "unroll_length": 3, "num_epochs": 5, "num_minibatches": 6, "episode_length": 9,
+    "decision_steps": 3, "initial_std": 0.5, "progress": True,
     "policy_hidden": [5, 6], "value_hidden": [7], "activation": "swish", "normalise_reward": False,
     "stagger_episodes": False,
 }  # fmt: skip
@@ -65,7 +68,7 @@ def test_every_field_can_be_asked_for_and_reaches_config_json(configured):
     assert PRETRAIN_SIZES.items() <= config["pretrain_config"].items()
     assert (config["ppo"], config["ppo_config"]) == (PPO_FLOATS, PPO_SIZES)
     known = {field.name for kind in (PretrainHyper, PretrainConfig) for field in fields(kind)}
-    assert known - pretrain.keys() == {"encoder", "persistent"}  # the method's
+    assert known - pretrain.keys() == {"encoder", "activity"}  # the method's
     assert {field.name for kind in (PPOHyper, PPOConfig) for field in fields(kind)} == ppo.keys()
 
 
@@ -74,6 +77,30 @@ def test_what_is_not_asked_for_is_written_down_too(configured):
     assert config["pretrain"] == asdict(PretrainHyper())
     assert (config["ppo_config"]["num_envs"], config["ppo"]["decay_updates"]) == (64, 4.0)
     assert (config["task"], config["reward"], config["preset"], config["version"]) == ("carry", "graph", "smoke", 2)
+    assert config["engine"] is None
+
+
+def test_the_engine_that_is_asked_for_is_written_down_and_used_again(configured, monkeypatch, tmp_path):
+    engines = []
+
+    def stop(members: object, task: Any, *_: object) -> None:
+        engines.append(task.engine.name)
+        raise Begun
+
+    monkeypatch.setattr(experiment, "run", stop)
+    config = configured("--engine", "mjx", train=["--task", "match_regions", "--preset", "smoke"])
+    assert config["engine"] == "mjx"
+    with pytest.raises(Begun):
+        cli.train_main(["--resume", "--out", str(tmp_path / "run")])
+    assert engines == ["mjx", "mjx"]
+
+
+def test_a_task_sets_sizes_of_its_own(configured):
+    train = ["--task", "shoes_in_box", "--preset", "cpu", "--reward", "env"]
+    config = configured("--updates", "3", "--ppo.num-envs", "16", train=train)
+    assert (config["updates"], config["ppo_config"]["num_envs"]) == (3, 16)
+    size = ShoesInBox.training_sizes["cpu"].ppo
+    assert (config["ppo_config"]["progress"], config["ppo"]["discount"]) == (size["progress"], size["discount"])
 
 
 @pytest.mark.parametrize(

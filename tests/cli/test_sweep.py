@@ -44,6 +44,7 @@ def test_policies_of_a_sweep_are_trained_by_one_program_and_kept_as_runs(tmp_pat
         (["--alphas", "1,2", "--sweep", "pretrain.alpha=4"], "pretrain.alpha is given twice"),
         (["--reward", "env", "--alphas", "1,2"], "no field 'pretrain.alpha' to sweep with reward env"),
         (["--reward", "money"], "unknown reward 'money'"),
+        (["--engine", "mjx"], "task 'carry' has one engine of its own; leave the engine 'mjx' out"),
         (["--resume"], "config.json is missing"),
     ],
 )

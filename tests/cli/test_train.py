@@ -4,6 +4,7 @@ import json
 import subprocess
 import sys
 
+import jax
 import numpy as np
 import pytest
 
@@ -14,6 +15,8 @@ from graphrl_jax.experiment.settings import compose
 from graphrl_jax.registry import make_task
 from tests.helpers.commands import TRAIN, arrays, call, contents, rejected
 
+LEFT_OUT = [name for name in ABLATIONS if name != "displacement"]
+"""All that can be left out at once: one ablation at most sets the rule of activity."""
 pytestmark = pytest.mark.usefixtures("outside_package")
 
 
@@ -37,6 +40,13 @@ def test_in_a_process_of_its_own_a_wrong_request_is_one_sentence_too():
         (["--reward", "env", "--alpha", "2"], ["pretrain.alpha", "reward env"]),
         (["--tcc", "cubic"], ["tcc_loss is 'cubic'", "regression_mse"]),
         (["--ppo.num-envs", "5"], ["num_envs is 5", "num_minibatches"]),
+        (["--ppo.decision-steps", "7"], ["episode_length is 120", "a multiple of decision_steps (7)"]),
+        (
+            [*TRAIN, "--ppo.decision-steps", "7", "--ppo.episode-length", "14"],
+            ["decision_steps is 7", "divisors of the 30 steps of carry's episodes"],
+        ),
+        (["--engine", "bullet"], ["unknown engine 'bullet'", "mjx, mujoco, warp"]),
+        ([*TRAIN, "--engine", "mjx"], ["task 'carry' has one engine of its own", "leave the engine 'mjx' out"]),
         (["--coordinator", "localhost:1", "--processes", "2"], ["--out"]),
         (["--processes", "2", "--out", "run"], ["--coordinator"]),
     ],
@@ -46,6 +56,14 @@ def test_a_wrong_request_is_one_sentence(capsys, monkeypatch, tmp_path, argument
     message = rejected(capsys, arguments)
     assert all(name in message for name in names), message
     assert not list(tmp_path.iterdir())
+
+
+def test_mujoco_on_several_devices_is_one_sentence(capsys, monkeypatch, tmp_path):
+    monkeypatch.setattr(jax, "device_count", lambda: 8)
+    out = tmp_path / "run"
+    message = rejected(capsys, ["--task", "match_regions", "--engine", "mujoco", "--out", out])
+    assert "engine 'mujoco' runs on one CPU device, but this process has 8 devices of kind cpu" in message
+    assert not out.exists()
 
 
 @pytest.mark.parametrize("damage", ["truncated", "version", "nan"])
@@ -84,7 +102,7 @@ def test_a_run_of_an_older_release_is_refused_with_one_sentence(capsys, tmp_path
 
 @pytest.mark.parametrize(
     "arguments",
-    [["--reward", "graphirl"], ["--reward", "xirl"], ["--ablate", *ABLATIONS, "--tcc", "classification"]],
+    [["--reward", "graphirl"], ["--reward", "xirl"], ["--ablate", *LEFT_OUT, "--tcc", "classification"]],
 )
 def test_each_trains_is_evaluated_and_resumed_like_any_other(tmp_path, arguments):
     out = tmp_path / "run"
@@ -111,6 +129,24 @@ def test_what_cannot_be_seen_is_refused_before_anything_is_written(capsys, tmp_p
     out = tmp_path / "run"
     assert message in rejected(capsys, ["--preset", "smoke", "--reward", "xirl", *arguments, "--out", out])
     assert not out.exists()
+
+
+def test_a_policy_that_decides_seldom_and_is_paid_for_progress_trains_like_any_other(tmp_path):
+    out, steps = tmp_path / "run", 5
+    arguments = ["--reward", "env", "--ppo.decision-steps", steps, "--ppo.progress", True, "--ppo.initial-std", 0.4]
+    call(cli.train_main, *TRAIN, *arguments, "--out", out)
+    summary = json.loads((out / "summary.json").read_text())
+    config = json.loads((out / "config.json").read_text())["ppo_config"]
+    assert (config["decision_steps"], config["progress"], config["initial_std"]) == (steps, True, 0.4)
+    updates, envs, unroll = 4, config["num_envs"], config["unroll_length"]
+    assert summary["env_steps"] == updates * envs * unroll * steps
+    records = [json.loads(line) for line in (out / "metrics.jsonl").read_text().splitlines()]
+    assert [row["env_steps"] for row in records] == [summary["env_steps"] // 2, summary["env_steps"]]
+    # Episodes of 30 control steps: returns are those of the plain reward, which is paid at each of them.
+    ended = [row for row in records if row["episodes"]]
+    assert ended and all(0 < row["episode_length"] <= 30 and row["episode_length"] % steps == 0 for row in ended)
+    outcome = call(cli.main, "evaluate", out, "--episodes", "16", "--video-episodes", "1")
+    assert np.isfinite(outcome["mean_return"]) and (out / "evaluation_7.mp4").stat().st_size > 1000
 
 
 def test_demonstrations_need_images_of_the_size_that_is_looked_at(capsys, tmp_path):

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.rl.wrappers import EnvironmentReward
 from graphrl_jax.runtime import jit_physics
 from tasks.match_regions import env, geometry, layouts, magical
@@ -16,14 +17,19 @@ ADVANCE = jit_physics(TASK.advance)
 
 
 @pytest.mark.parametrize(
-    "physics, tolerance", [pytest.param(SOLVED, 0.01, id="solved"), pytest.param(TASK.physics, 0.03, id="default")]
+    "engine, physics, tolerance",
+    [
+        pytest.param("mjx", SOLVED, 0.01, id="mjx, solved"),
+        pytest.param("mjx", TASK.physics, 0.03, id="mjx, default"),
+        pytest.param("mujoco", SOLVED, 1e-3, id="mujoco, solved"),
+    ],
 )
-def test_mjx_moves_as_mujoco_does(physics, tolerance) -> None:
+def test_an_engine_moves_as_mujoco_does(engine, physics, tolerance) -> None:
     """Free motion, gripping, dragging and letting go; with the default's one iteration nearly so."""
     begin = alone((0.0, 0.3, 0.0), (0.05, 0.625))
     commands = [(0.0, 0.0, False)] * 3 + [(-0.6, 0.5, False)] * 5 + [(0.0, 0.0, True)] * 2 + [(-0.6, 0.0, True)] * 4
     state = start().pipeline_state._replace(qpos=jnp.asarray(begin))
-    advance = ADVANCE if physics == TASK.physics else jit_physics(MatchRegions(physics=physics).advance)
+    advance = jit_physics(MatchRegions(physics=physics, engine=engine).advance)
     for speed, turn, is_open in commands:
         share = speed / (env.FORWARD_SPEED if speed > 0 else env.BACKWARD_SPEED)
         state = advance(state, jnp.array([share, turn / env.TURN_RATE, 1.0 if is_open else -1.0]))
@@ -58,7 +64,7 @@ def test_a_target_that_starts_in_its_place_counts_as_moved():
             return start._replace(qpos=jnp.asarray(placed(demo_qpos(), 1, 0.4, 0.3)), moved=moved)
 
     for layout, flags in ((layouts.Demo(), [0, 0, 0]), (Placed(), [0, 1, 1])):
-        state = jax.jit(EnvironmentReward(MatchRegions(layout), 0.02).reset)(jax.random.key(0))
+        state = jax.jit(EnvironmentReward(MatchRegions(layout), PoolingParams()).reset)(jax.random.key(0))
         np.testing.assert_array_equal(state.info["active"][2:5], flags)
         np.testing.assert_array_equal(state.info["active"][jnp.array([0, 1, 5, 6, 7])], False)
         # It counts as brought from where the layout had it.

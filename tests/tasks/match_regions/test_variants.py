@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from graphrl_jax import demonstrations as demonstration_files
+from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.registry import make_task, task_names
 from graphrl_jax.rl.wrappers import EnvironmentReward
 from graphrl_jax.runtime import jit_physics
@@ -99,7 +100,7 @@ def test_all_variants_are_stepped_by_one_program() -> None:
     @jit_physics
     def play(variant: variants.Variant, key: jax.Array) -> tuple[jax.Array, jax.Array]:
         traces.append(None)
-        env = EnvironmentReward(TASK.with_layout(variant), 0.02)
+        env = EnvironmentReward(TASK.with_layout(variant), PoolingParams())
         start = env.reset(key)
         end, _ = jax.lax.scan(lambda s, _: (env.step(s, jnp.array([1.0, 0.3, -1.0])), None), start, length=8)
         return end.obs, end.info["class_ids"]
