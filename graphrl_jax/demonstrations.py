@@ -17,7 +17,7 @@ BOX_RANGE = (-0.5, 1.5)
 
 _TABLE_FIELDS = ("names", "class_ids", "is_robot", "class_names")
 _REQUIRED = ("boxes", "mask", "lengths", "success", *_TABLE_FIELDS, "frame_rate", "source", "task")
-_OPTIONAL = ("is_fixture", "classes", "events", "event_names", "kinds", "frames")
+_OPTIONAL = ("is_fixture", "is_articulated", "classes", "events", "event_names", "kinds", "frames")
 _PER_DEMONSTRATION = ("boxes", "mask", "lengths", "success", "classes", "events", "kinds", "frames")
 
 
@@ -135,6 +135,7 @@ class Demonstrations:
         entries["class_ids"] = np.array(self.objects.class_ids, np.int32)
         entries["is_robot"] = np.array(self.objects.is_robot, bool)
         entries["is_fixture"] = np.array(self.objects.is_fixture, bool)
+        entries["is_articulated"] = np.array(self.objects.is_articulated, bool)
 
         write_arrays(Path(path), entries)
 
@@ -194,13 +195,13 @@ def _from_entries(entries: dict[str, np.ndarray]) -> Demonstrations:
         if values[name].shape != ():
             raise DemonstrationError(f"{name} must be a single value, got shape {values[name].shape}")
         values[name] = values[name].item()
-    for name in (*_TABLE_FIELDS, "is_fixture", "event_names"):
+    for name in (*_TABLE_FIELDS, "is_fixture", "is_articulated", "event_names"):
         if name in values:
             if values[name].ndim != 1:
                 raise DemonstrationError(f"{name} must have one axis, got shape {values[name].shape}")
             values[name] = tuple(values[name].tolist())
     try:
-        table = {name: values.pop(name) for name in (*_TABLE_FIELDS, "is_fixture") if name in values}
+        table = {name: values.pop(name) for name in (*_TABLE_FIELDS, "is_fixture", "is_articulated") if name in values}
         objects = ObjectTable(**table)
     except ValueError as error:
         raise DemonstrationError(str(error)) from error

@@ -12,6 +12,7 @@ Functions take one graph or one sequence; map over batches with `jax.vmap`.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +36,7 @@ class ObjectTable:
     | is_robot    | (N,)  | bool  | the slot is the robot or a part of it       |
     | class_names | (C,)  | str   | unique; a class may have no object          |
     | is_fixture  | (N,)  | bool  | the slot is a fixture, such as a goal region; default: no fixtures |
+    | is_articulated | (N,) | bool | the slot moves along a track of its own, such as a lid; default: none |
 
     Raises:
       ValueError: a field has the wrong length, a wrong type or a value out of range; the message names it.
@@ -45,6 +47,7 @@ class ObjectTable:
     is_robot: tuple[bool, ...]
     class_names: tuple[str, ...]
     is_fixture: tuple[bool, ...] = ()
+    is_articulated: tuple[bool, ...] = ()
 
     def __post_init__(self) -> None:
         # Lists and numpy scalars are accepted; tuples of plain values keep the table hashable.
@@ -52,13 +55,14 @@ class ObjectTable:
         object.__setattr__(self, "class_ids", _plain("class_ids", self.class_ids, int))
         object.__setattr__(self, "is_robot", _plain("is_robot", self.is_robot, bool))
         object.__setattr__(self, "class_names", _plain("class_names", self.class_names, str))
-        fixtures = _plain("is_fixture", self.is_fixture, bool) or (False,) * self.num_slots
-        object.__setattr__(self, "is_fixture", fixtures)
+        for field in ("is_fixture", "is_articulated"):
+            flags = _plain(field, getattr(self, field), bool) or (False,) * self.num_slots
+            object.__setattr__(self, field, flags)
         for field in ("names", "class_names"):
             values = getattr(self, field)
             if not values or len(set(values)) != len(values):
                 raise ValueError(f"ObjectTable.{field} must hold at least one name and no name twice, got {values}")
-        for field in ("class_ids", "is_robot", "is_fixture"):
+        for field in ("class_ids", "is_robot", "is_fixture", "is_articulated"):
             values = getattr(self, field)
             if len(values) != self.num_slots:
                 raise ValueError(
@@ -89,6 +93,10 @@ class ObjectTable:
     def fixture_flags(self) -> jax.Array:
         """Whether each slot is a fixture: (N,) bool."""
         return jnp.asarray(self.is_fixture, dtype=bool)
+
+    def articulated_flags(self) -> jax.Array:
+        """Whether each slot is articulated: (N,) bool."""
+        return jnp.asarray(self.is_articulated, dtype=bool)
 
 
 def _plain(field: str, values: Sequence, kind: type) -> tuple:
@@ -177,56 +185,79 @@ def edge_features(boxes: jax.Array) -> jax.Array:
     return jnp.concatenate([offsets, safe_norm(offsets)[..., None]], axis=-1)
 
 
-def update_activity(
-    active: jax.Array,
-    previous_boxes: jax.Array,
-    previous_mask: jax.Array,
-    boxes: jax.Array,
-    mask: jax.Array,
-    tau: ArrayLike,
-    persistent: bool = True,
-) -> jax.Array:
-    """Activity after one more frame: an object is active once its centre has moved by more than `tau` box diagonals.
+class ActivityState(NamedTuple):
+    """Activity so far in an episode, and the boxes that the next frame's are compared with.
 
-    active_i(t) = active_i(t-1) or ||c_i(t) - c_i(t-1)|| > tau * diagonal_i(t). An object that is absent in this or
-    the previous frame cannot become active.
+    | field           | shape  | dtype   | meaning                                                            |
+    |-----------------|--------|---------|--------------------------------------------------------------------|
+    | active          | (N,)   | bool    | the object has moved                                               |
+    | reference_boxes | (N, 4) | float32 | boxes where objects were first seen, or those of the last frame    |
+    | reference_mask  | (N,)   | bool    | the object has a reference                                         |
+    """
+
+    active: jax.Array
+    reference_boxes: jax.Array
+    reference_mask: jax.Array
+
+
+def begin_activity(boxes: jax.Array, mask: jax.Array, active: jax.Array | None = None) -> ActivityState:
+    """Activity in the first frame of an episode.
 
     Args:
-      active: (N,) bool, flags at t-1; all False in the first frame of an episode.
-      previous_boxes, boxes: (N, 4) float32 at t-1 and t, at the full frame rate.
-      previous_mask, mask: (N,) bool at t-1 and t.
-      tau: threshold per frame, as a share of the box's diagonal.
-      persistent: static; if False, an object is active only in the frames in which it moves (an ablation).
-
-    Returns:
-      (N,) bool.
+      boxes: (N, 4) float32.
+      mask: (N,) bool.
+      active: (N,) bool, objects that count as moved from the start; default: none.
     """
-    displacement = safe_norm(boxes[:, :2] - previous_boxes[:, :2])
+    return ActivityState(jnp.zeros(mask.shape, bool) if active is None else active, boxes, mask)
+
+
+def update_activity(
+    state: ActivityState, boxes: jax.Array, mask: jax.Array, tau: ArrayLike, rule: str = "displacement"
+) -> ActivityState:
+    """Activity after one more frame: an object is active once it is more than `tau` box diagonals from its reference.
+
+    active_i(t) = active_i(t-1) or ||c_i(t) - reference_i|| > tau * diagonal_i(t). An object that is absent in this
+    frame, or has no reference, cannot become active. The rules differ in the reference:
+
+    - `displacement`: where the object was first seen in the episode. This depends neither on the frame rate nor, up to
+      tau, on the detector's jitter.
+    - `frame_motion`: where it is in the previous frame (an ablation).
+    - `momentary`: as `frame_motion`, but an object is active only in the frames in which it moves (an ablation).
+
+    Args:
+      state: activity at t-1.
+      boxes: (N, 4) float32 at t; for the ablations, at the full frame rate.
+      mask: (N,) bool at t.
+      tau: threshold, as a share of the box's diagonal; per frame in the ablations.
+      rule: static, one of `encoder.config.ACTIVITY_RULES`.
+    """
+    moved_by = safe_norm(boxes[:, :2] - state.reference_boxes[:, :2])
     # A product instead of a quotient, because a box of zero size would be a division by zero.
-    moved = displacement > tau * safe_norm(boxes[:, 2:])
-    moved = moved & mask & previous_mask
-    return active | moved if persistent else moved
+    moved = (moved_by > tau * safe_norm(boxes[:, 2:])) & mask & state.reference_mask
+    active = moved if rule == "momentary" else state.active | moved
+    if rule != "displacement":
+        return ActivityState(active, boxes, mask)
+    seen = state.reference_mask
+    return ActivityState(active, jnp.where(seen[:, None], state.reference_boxes, boxes), seen | mask)
 
 
-def activity(boxes: jax.Array, mask: jax.Array, tau: ArrayLike, persistent: bool = True) -> jax.Array:
+def activity(boxes: jax.Array, mask: jax.Array, tau: ArrayLike, rule: str = "displacement") -> jax.Array:
     """Activity flags of a sequence; all are False in the first frame.
 
     Args:
-      boxes: (T, N, 4) float32 at the full frame rate.
+      boxes: (T, N, 4) float32.
       mask: (T, N) bool.
-      tau, persistent: see `update_activity`.
+      tau, rule: see `update_activity`.
 
     Returns:
       (T, N) bool.
     """
 
-    def advance(carry: tuple, frame: tuple) -> tuple:
-        active, previous_boxes, previous_mask = carry
-        active = update_activity(active, previous_boxes, previous_mask, *frame, tau, persistent)
-        return (active, *frame), active
+    def advance(state: ActivityState, frame: tuple[jax.Array, jax.Array]) -> tuple[ActivityState, jax.Array]:
+        state = update_activity(state, *frame, tau, rule)
+        return state, state.active
 
-    start = (jnp.zeros(mask.shape[1:], bool), boxes[0], mask[0])
-    return jax.lax.scan(advance, start, (boxes, mask))[1]
+    return jax.lax.scan(advance, begin_activity(boxes[0], mask[0]), (boxes, mask))[1]
 
 
 def sequence_graphs(
@@ -236,16 +267,16 @@ def sequence_graphs(
     length: ArrayLike,
     tau: ArrayLike,
     class_ids: jax.Array | None = None,
-    persistent: bool = True,
+    rule: str = "displacement",
 ) -> Graph:
     """The graphs of one padded demonstration, with activity. Frames from `length` on are fully masked.
 
     Args:
       objects: the object in each slot.
-      boxes: (T, N, 4) float32 at the full frame rate.
+      boxes: (T, N, 4) float32.
       mask: (T, N) bool.
       length: number of real frames, 1 to T.
-      tau, persistent: see `update_activity`.
+      tau, rule: see `update_activity`.
       class_ids: see `build_graph`.
 
     Returns:
@@ -254,7 +285,7 @@ def sequence_graphs(
     real = jnp.arange(mask.shape[0]) < length
     mask = mask & real[:, None]
     frames = jax.vmap(build_graph, in_axes=(None, 0, 0, 0, None))
-    return frames(objects, boxes, mask, activity(boxes, mask, tau, persistent), class_ids)
+    return frames(objects, boxes, mask, activity(boxes, mask, tau, rule), class_ids)
 
 
 def safe_norm(vectors: jax.Array) -> jax.Array:

@@ -59,14 +59,15 @@ def test_round_trip_keeps_every_bit(tmp_path_factory, frame_rate, source, seed):
     assert_same(load(path), demos)
 
 
-def test_fixtures_are_kept_and_a_file_without_them_has_none(tmp_path):
+@pytest.mark.parametrize("field", ["is_fixture", "is_articulated"])
+def test_flags_of_objects_are_kept_and_a_file_without_them_has_none(tmp_path, field):
     flags = (False, False, True, False)
-    demos = replace(PLAIN, objects=replace(PLAIN.objects, is_fixture=flags))
+    demos = replace(PLAIN, objects=replace(PLAIN.objects, **{field: flags}))
     demos.save(tmp_path / "new.npz")
-    assert load(tmp_path / "new.npz").objects.is_fixture == flags
+    assert load(tmp_path / "new.npz").objects == demos.objects and getattr(demos.objects, field) == flags
     with np.load(tmp_path / "new.npz") as archive:
-        np.savez(tmp_path / "old.npz", **{name: archive[name] for name in archive.files if name != "is_fixture"})
-    assert load(tmp_path / "old.npz").objects.is_fixture == (False,) * 4
+        np.savez(tmp_path / "old.npz", **{name: archive[name] for name in archive.files if name != field})
+    assert_same(load(tmp_path / "old.npz"), PLAIN)
 
 
 def test_saving_is_all_or_nothing(tmp_path, monkeypatch):
@@ -139,6 +140,8 @@ def boxes_with(index, value):
         (dict(names=np.array(["a", "a", "b", "c"])), "names must hold at least one name and no name twice"),
         (dict(names=np.array(["a", "b", "c"])), "class_ids has 4 entries, but names has 3"),
         (dict(is_robot=np.zeros(4, np.int32)), "is_robot must hold bool values only, got 0"),
+        (dict(is_articulated=np.zeros(3, bool)), "is_articulated has 3 entries, but names has 4"),
+        (dict(is_articulated=np.bool_(True)), "is_articulated must have one axis, got shape ()"),
         (dict(frame_rate=np.array([8.0])), "frame_rate must be a single value, got shape (1,)"),
         (dict(frame_rate=np.array(0.0)), "frame_rate must be a positive number, got 0.0"),
         (dict(frame_rate=np.array(np.nan)), "frame_rate must be a positive number, got nan"),

@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from graphrl_jax.pretrain.augment import motion, rearrange
+from graphrl_jax.pretrain.augment import Chances, motion, rearrange
 from graphrl_jax.registry import make_task, task_names
 from tasks.match_regions import expert as match_regions
 from tasks.shoes_in_box import expert as shoes_in_box
@@ -50,4 +50,5 @@ def test_rearrangements(name):
     objects = make_task(name).objects
     boxes, mask = jnp.full((3, objects.num_slots, 4), 0.5), jnp.ones((3, objects.num_slots), bool)
     still = motion(boxes, mask, 3, 0.02)
-    trace(lambda key: rearrange(key, objects, still, jnp.linspace(0, 1, 5), 0.2, 0.5, 0.15))
+    chances = Chances(bumped=0.2, bumped_before=0.5, approach=0.15, in_order=0.5, tau=0.15)
+    trace(lambda key: rearrange(key, objects, still, jnp.linspace(0, 1, 5), chances))

@@ -7,6 +7,9 @@ Kind = Literal["message_passing", "interaction", "pixels"]
 KINDS: tuple[str, ...] = get_args(Kind)
 DecoderInput = Literal["node", "pooled"]
 DECODER_INPUTS: tuple[str, ...] = get_args(DecoderInput)
+ActivityRule = Literal["displacement", "frame_motion", "momentary"]
+"""Rules by which an object becomes active (`graph.update_activity`)."""
+ACTIVITY_RULES: tuple[str, ...] = get_args(ActivityRule)
 
 
 @dataclass(frozen=True)

@@ -107,11 +107,10 @@ def encode_sequence(
     Args:
       params: parameters of an encoder of graphs.
       objects, boxes, mask, length, class_ids: see `graph.sequence_graphs`.
-      pooling: `tau` and `persistent` define activity.
+      pooling: `tau` and `activity` define activity.
 
     Returns:
       (T, D) float32; rows from `length` on are finite but have no meaning.
     """
-    tau, persistent = pooling.tau, pooling.persistent
-    graphs = sequence_graphs(objects, boxes, mask, length, tau, class_ids, persistent)
+    graphs = sequence_graphs(objects, boxes, mask, length, pooling.tau, class_ids, pooling.activity)
     return jax.vmap(encode, in_axes=(None, 0, None))(params, graphs, pooling)

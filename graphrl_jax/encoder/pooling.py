@@ -5,6 +5,7 @@ from dataclasses import dataclass, field
 import jax
 import jax.numpy as jnp
 
+from graphrl_jax.encoder.config import ACTIVITY_RULES, ActivityRule
 from graphrl_jax.graph import Graph
 
 
@@ -18,15 +19,22 @@ class PoolingParams:
     | alpha          | ()    | float32 | weight of an active node; an inactive one has 1; at least 0 (Eq. 1)      |
     | suppress_robot | ()    | float32 | 1 leaves the robot's node out ("w/o robot"), 0 keeps it ("w/ robot")     |
     | robot_messages | ()    | float32 | weight of the robot among a node's senders, 0 to 1                       |
-    | tau            | ()    | float32 | activity threshold per frame, in box diagonals                           |
-    | persistent     |       | bool    | static: moved objects stay active; False is an ablation                  |
+    | tau            | ()    | float32 | activity threshold, in box diagonals                                     |
+    | activity       |       | str     | static: rule by which an object becomes active (`graph.update_activity`) |
+
+    Raises:
+      ValueError: the rule is unknown.
     """
 
     alpha: jax.Array | float = 2.0
     suppress_robot: jax.Array | float = 1.0
     robot_messages: jax.Array | float = 1.0
-    tau: jax.Array | float = 0.02
-    persistent: bool = field(default=True, metadata={"static": True})
+    tau: jax.Array | float = 0.15
+    activity: ActivityRule = field(default="displacement", metadata={"static": True})
+
+    def __post_init__(self) -> None:
+        if self.activity not in ACTIVITY_RULES:
+            raise ValueError(f"PoolingParams.activity is {self.activity!r}; allowed: {', '.join(ACTIVITY_RULES)}")
 
 
 def weights(graph: Graph, pooling: PoolingParams) -> jax.Array:

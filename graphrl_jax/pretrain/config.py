@@ -6,7 +6,7 @@ Plain Python, so that commands start without JAX.
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from graphrl_jax.encoder.config import DECODER_INPUTS, DecoderInput, EncoderConfig
+from graphrl_jax.encoder.config import ACTIVITY_RULES, DECODER_INPUTS, ActivityRule, DecoderInput, EncoderConfig
 
 TCCLoss = Literal["regression_mse", "regression_mse_var", "regression_huber", "classification"]
 TCC_LOSSES: tuple[str, ...] = get_args(TCCLoss)
@@ -23,7 +23,7 @@ class PretrainConfig:
       encoder: kind and sizes of the encoder.
       decode_from: embedding that the decoder reconstructs from.
       tcc_loss: form of the TCC loss (see `tcc.cycle_loss`).
-      persistent: moved objects stay active; False is an ablation.
+      activity: rule by which an object becomes active; all but displacement are ablations (`graph.update_activity`).
 
     Raises:
       ValueError: a value that is not allowed; the message names the field.
@@ -35,13 +35,14 @@ class PretrainConfig:
     encoder: EncoderConfig = field(default_factory=EncoderConfig)
     decode_from: DecoderInput = "node"
     tcc_loss: TCCLoss = "regression_mse"
-    persistent: bool = True
+    activity: ActivityRule = "displacement"
 
     def __post_init__(self) -> None:
         for name, least in (("steps", 1), ("batch_size", 2), ("num_frames", 2)):
             if getattr(self, name) < least:
                 raise ValueError(f"PretrainConfig.{name} is {getattr(self, name)}; allowed: {least} or more")
-        for name, known in (("decode_from", DECODER_INPUTS), ("tcc_loss", TCC_LOSSES)):
+        names = (("decode_from", DECODER_INPUTS), ("tcc_loss", TCC_LOSSES), ("activity", ACTIVITY_RULES))
+        for name, known in names:
             if getattr(self, name) not in known:
                 raise ValueError(f"PretrainConfig.{name} is {getattr(self, name)!r}; allowed: {', '.join(known)}")
 
@@ -62,7 +63,7 @@ class PretrainHyper:
       max_grad_norm: global norm to which the gradient is clipped.
       alpha: weight of active nodes in the pooling (Eq. 1).
       suppress_robot: 1 leaves the robot's node out of the pooling, 0 keeps it.
-      tau: activity threshold per frame, in box diagonals.
+      tau: activity threshold, in box diagonals.
       robot_messages: weight of the robot among a node's senders, 0 to 1.
       temperature: temperature of the TCC, in squared units of the embedding.
       tcc_weight: weight of the TCC in the loss.
@@ -71,6 +72,7 @@ class PretrainHyper:
       bumped: probability that a rearrangement bumps an object that was never moved.
       bumped_before: probability that a rearrangement shows such an object as moved from the start.
       approach: time of the robot's way to an object in a rearrangement, relative to bringing an object as far.
+      in_order: probability that a rearrangement keeps the demonstrated order of objects.
       even: 1 fits an exponent that makes the reward rise evenly (`reward.model.fit_reward`), 0 is Eq. 3.
     """
 
@@ -81,7 +83,7 @@ class PretrainHyper:
     max_grad_norm: float = 1.0
     alpha: float = 2.0
     suppress_robot: float = 1.0
-    tau: float = 0.02
+    tau: float = 0.15
     robot_messages: float = 1.0
     temperature: float = 0.01
     tcc_weight: float = 1.0
@@ -90,4 +92,5 @@ class PretrainHyper:
     bumped: float = 0.2
     bumped_before: float = 0.5
     approach: float = 0.15
+    in_order: float = 0.5
     even: float = 1.0

@@ -20,10 +20,10 @@ from graphrl_jax.encoder import decoder, encoder
 from graphrl_jax.encoder.encoder import Seen
 from graphrl_jax.encoder.pixels import PixelParams
 from graphrl_jax.encoder.pooling import PoolingParams
-from graphrl_jax.graph import ObjectTable, build_graph, update_activity
+from graphrl_jax.graph import ActivityState, ObjectTable, build_graph, update_activity
 from graphrl_jax.optimizer import AdamState, adam_init, adam_update, clip_by_global_norm, warmup_cosine
 from graphrl_jax.pretrain import tcc
-from graphrl_jax.pretrain.augment import Motion, motion, rearrange
+from graphrl_jax.pretrain.augment import Chances, Motion, motion, rearrange
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 
 Metrics = dict[str, jax.Array]
@@ -67,7 +67,7 @@ class PretrainState:
 
 def pooling_params(config: PretrainConfig, hyper: PretrainHyper) -> PoolingParams:
     """The pooling parameters of a pretraining configuration."""
-    return PoolingParams(hyper.alpha, hyper.suppress_robot, hyper.robot_messages, hyper.tau, config.persistent)
+    return PoolingParams(hyper.alpha, hyper.suppress_robot, hyper.robot_messages, hyper.tau, config.activity)
 
 
 def prepare(demonstrations: Demonstrations, image_size: int | None = None) -> PretrainData:
@@ -153,20 +153,23 @@ def _show(
     choice_key, rearrange_key = jax.random.split(key)
     moves = jax.tree.map(lambda leaf: leaf[demonstration], motions)
     choice = jax.random.bernoulli(choice_key, hyper.rearranged)
+    # By the other rules, an object is active from its first motion on.
+    tau = hyper.tau if config.activity == "displacement" else 0.0
+    chances = Chances(hyper.bumped, hyper.bumped_before, hyper.approach, hyper.in_order, tau)
 
     def seen(frames: jax.Array) -> tuple[jax.Array, jax.Array]:
         times = frames / jnp.maximum(data.lengths[demonstration] - 1, 1)
-        chances = (hyper.bumped, hyper.bumped_before, hyper.approach)
-        rearranged = rearrange(rearrange_key, data.objects, moves, times, *chances)
+        rearranged = rearrange(rearrange_key, data.objects, moves, times, chances)
         original = data.boxes[demonstration, frames], moves.active[frames]
         boxes, active = (jnp.where(choice, new, old) for new, old in zip(rearranged, original, strict=True))
         return boxes, active
 
     boxes, active = seen(frames)
-    if not config.persistent:
-        before, shown = seen(jnp.maximum(frames - 1, 0))[0], data.mask[demonstration]
-        moved = jax.vmap(partial(update_activity, persistent=False), in_axes=(0, 0, 0, 0, 0, None))
-        active = moved(active, before, shown[jnp.maximum(frames - 1, 0)], boxes, shown[frames], hyper.tau)
+    if config.activity == "momentary":
+        before, shown = jnp.maximum(frames - 1, 0), data.mask[demonstration]
+        state = ActivityState(active, seen(before)[0], shown[before])
+        update = jax.vmap(partial(update_activity, rule=config.activity), in_axes=(0, 0, 0, None))
+        active = update(state, boxes, shown[frames], hyper.tau).active
     build = jax.vmap(partial(build_graph, data.objects), in_axes=(0, 0, 0, None))
     return build(boxes, data.mask[demonstration, frames], active, data.class_ids[demonstration])
 
@@ -182,7 +185,7 @@ def shown_frames(
     """
     chosen = jnp.repeat(jnp.arange(data.lengths.shape[0]), draws)
     keys = jax.random.split(key, chosen.shape[0])
-    motions = _motions(hyper, data)
+    motions = _motions(config, hyper, data)
 
     def show(demonstration: jax.Array, key: jax.Array) -> Seen:
         last = data.lengths[demonstration] - 1
@@ -191,9 +194,10 @@ def shown_frames(
     return jax.vmap(show)(chosen, keys)
 
 
-def _motions(hyper: PretrainHyper, data: PretrainData) -> Motion:
+def _motions(config: PretrainConfig, hyper: PretrainHyper, data: PretrainData) -> Motion:
     """`Motion` of every demonstration at the full frame rate, because objects move far between drawn frames."""
-    return jax.vmap(motion, in_axes=(0, 0, 0, None))(data.boxes, data.mask, data.lengths, hyper.tau)
+    one = partial(motion, rule=config.activity)
+    return jax.vmap(one, in_axes=(0, 0, 0, None))(data.boxes, data.mask, data.lengths, hyper.tau)
 
 
 def _loss(
@@ -276,5 +280,5 @@ def run(
     Returns:
       The final state, and the metrics of `step`, each (num_steps,) float32.
     """
-    motions = _motions(hyper, data)
+    motions = _motions(config, hyper, data)
     return jax.lax.scan(lambda carry, _: step(config, hyper, data, motions, carry), state, length=num_steps)

@@ -172,21 +172,27 @@ def audit(model: RewardModel, landscape: Landscape, draw_image: DrawImage | None
     )
 
 
-def trajectory_scores(model: RewardModel, demonstrations: Demonstrations, discount: float = 0.99) -> dict[str, Any]:
+def trajectory_scores(
+    model: RewardModel, demonstrations: Demonstrations, discount: float = 0.99, horizon: int | None = None
+) -> dict[str, Any]:
     """Scores of fixed trajectories under the reward; see `scores`."""
-    return scores(np.asarray(demonstration_rewards(model, demonstrations)), demonstrations, discount)
+    return scores(np.asarray(demonstration_rewards(model, demonstrations)), demonstrations, discount, horizon)
 
 
-def scores(rewards: np.ndarray, demonstrations: Demonstrations, discount: float = 0.99) -> dict[str, Any]:
+def scores(
+    rewards: np.ndarray, demonstrations: Demonstrations, discount: float = 0.99, horizon: int | None = None
+) -> dict[str, Any]:
     """Scores of trajectories under `rewards` (B, T): successes, deliberate failures and known exploits.
 
-    Each trajectory keeps the reward of its last frame until the longest one ends, so that length alone has no effect.
+    Each trajectory keeps the reward of its last frame until the `horizon`, such as the end of an episode (default: the
+    end of the longest trajectory), so that length alone has no effect.
 
     Returns:
-      `by_kind`: mean undiscounted and discounted sums of each kind; `successes_above`: share of (success, failure)
-      pairs in which the success has more, for both sums (absent without successes or without failures).
+      `by_kind`: of each kind the mean undiscounted and discounted sums and the mean reward at the end (`end`);
+      `successes_above`: share of (success, failure) pairs in which the success has more, for both sums, and for the
+      undiscounted sum by kind of failure (absent without successes or without failures).
     """
-    frames = np.minimum(np.arange(demonstrations.num_frames), demonstrations.lengths[:, None] - 1)
+    frames = np.minimum(np.arange(horizon or demonstrations.num_frames), demonstrations.lengths[:, None] - 1)
     rewards = np.take_along_axis(rewards, frames, axis=1)
     sums = {
         "undiscounted": rewards.sum(1),
@@ -196,7 +202,9 @@ def scores(rewards: np.ndarray, demonstrations: Demonstrations, discount: float 
     if kinds is None:
         kinds = np.where(demonstrations.success, "success", "failure")
     by_kind = {
-        str(kind): {name: float(values[kinds == kind].mean()) for name, values in sums.items()}
+        str(kind): {
+            name: float(values[kinds == kind].mean()) for name, values in (*sums.items(), ("end", rewards[:, -1]))
+        }
         for kind in np.unique(kinds)
     }
     report: dict[str, Any] = {"by_kind": by_kind, "discount": discount}
@@ -204,6 +212,10 @@ def scores(rewards: np.ndarray, demonstrations: Demonstrations, discount: float 
     if success.any() and not success.all():
         report["successes_above"] = {
             name: share_above(values[success], values[~success]) for name, values in sums.items()
+        }
+        total = sums["undiscounted"]
+        report["successes_above"]["by_kind"] = {
+            str(kind): share_above(total[success], total[kinds == kind]) for kind in np.unique(kinds[~success])
         }
     return report
 

@@ -20,6 +20,8 @@ from graphrl_jax.encoder.encoder import EncoderParams, Seen, encode, encode_sequ
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.graph import ObjectTable, safe_norm
 
+FARTHEST = 2.0
+"""Largest scaled distance; the first frames are at 1. What is thrown out of the image must not outweigh the rest."""
 MOST_EVENED = 3.0
 """Largest fitted exponent; the smallest is its inverse."""
 
@@ -55,12 +57,15 @@ class RewardModel:
         return safe_norm(self.embed(seen) - self.goal)
 
     def apply(self, seen: Seen) -> jax.Array:
-        """Eq. 3 with scale and exponent: the reward -(kappa ||phi(G) - g||_2)^exponent of one graph, a scalar."""
+        """Eq. 3 with scale, bound and exponent: the reward of one graph, a scalar; see `value`."""
         return self.value(self.distance(seen))
 
     def value(self, distance: jax.Array) -> jax.Array:
-        """The reward at distances of any shape. Its gradient at distance 0 is 0, not infinite."""
-        scaled = self.kappa * distance
+        """The reward -min(kappa distance, FARTHEST)^exponent at distances of any shape.
+
+        Its gradient at distance 0 is 0, not infinite.
+        """
+        scaled = jnp.minimum(self.kappa * distance, FARTHEST)
         return -jnp.where(scaled > 0, jnp.where(scaled > 0, scaled, 1.0) ** self.exponent, 0.0)
 
 

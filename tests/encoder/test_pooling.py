@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from graphrl_jax.encoder import encoder
-from graphrl_jax.encoder.config import EncoderConfig
+from graphrl_jax.encoder.config import ACTIVITY_RULES, EncoderConfig
 from graphrl_jax.encoder.pooling import PoolingParams, pool, weights
 from graphrl_jax.graph import sequence_graphs
 from tests.helpers.graphs import OBJECTS, overwrite_slot, pad, random_graph
@@ -88,7 +88,7 @@ def GRADIENTS(nodes, graph, pooling):
 
 
 def test_keywords_mean_the_same_in_any_order():
-    values = {"alpha": 3.0, "suppress_robot": 0.5, "robot_messages": 0.25, "tau": 0.1, "persistent": False}
+    values = {"alpha": 3.0, "suppress_robot": 0.5, "robot_messages": 0.25, "tau": 0.1, "activity": "momentary"}
     assert [field.name for field in fields(PoolingParams)] == list(values)
     pooling = PoolingParams(**dict(reversed(values.items())))
     assert pooling == PoolingParams(**values)
@@ -115,7 +115,7 @@ def test_another_float_compiles_nothing_and_each_says_something_of_its_own():
     assert len(traces) == 1 and len(found) == len(changes)
     counted(replace(start, alpha=np.float32(3.0), tau=np.float32(0.1)))
     assert len(traces) == 2  # a float and an array are of different types
-    counted(replace(start, persistent=False))
+    counted(replace(start, activity="frame_motion"))
     assert len(traces) == 3
 
 
@@ -128,18 +128,22 @@ def test_a_batch_of_poolings_is_mapped_over():
         close(pooled, POOL(NODES, graph, PoolingParams(float(alpha))))
 
 
-def test_persistence_is_part_of_the_program():
-    assert len(jax.tree.leaves(PoolingParams())) == 4
-    assert jax.tree.structure(PoolingParams()) != jax.tree.structure(PoolingParams(persistent=False))
-    # At rest in the last frame, the block stays active only where activity persists.
-    boxes = np.full((3, 4, 4), 0.1, np.float32)
-    boxes[1:, 1, 0] = 0.5
-    mask = np.ones((3, 4), bool)
+def test_the_rule_of_activity_is_part_of_the_program():
+    structures = {jax.tree.structure(PoolingParams(activity=rule)) for rule in ACTIVITY_RULES}
+    assert len(jax.tree.leaves(PoolingParams())) == 4 and len(structures) == len(ACTIVITY_RULES)
+    with pytest.raises(ValueError, match="PoolingParams.activity is 'x'; allowed: displacement, frame_motion, mom"):
+        PoolingParams(activity="x")
+    # The block creeps and then rests: no frame shows much motion, together they do.
+    boxes = np.full((4, 4, 4), 0.1, np.float32)
+    boxes[:, 1, 0] = [0.1, 0.11, 0.12, 0.12]
+    boxes[1:, 2, 0] = 0.5
+    mask = np.ones((4, 4), bool)
     frames = jax.jit(sequence_graphs, static_argnums=(0, 6))
-    for persistent in (True, False):
-        pooling = PoolingParams(alpha=9.0, persistent=persistent)
-        graphs = frames(OBJECTS, boxes, mask, 3, pooling.tau, None, persistent)
-        graph = jax.tree.map(lambda field: np.asarray(field)[2], graphs)
-        assert graph.active[1] == persistent
-        sequence = jax.jit(encoder.encode_sequence, static_argnums=1)(PARAMS, OBJECTS, boxes, mask, 3, pooling)
-        close(np.asarray(sequence)[2], ENCODE(PARAMS, graph, pooling))
+    active = {"displacement": [True, True], "frame_motion": [False, True], "momentary": [False, False]}
+    for rule in ACTIVITY_RULES:
+        pooling = PoolingParams(alpha=9.0, tau=0.1, activity=rule)
+        graphs = frames(OBJECTS, boxes, mask, 4, pooling.tau, None, rule)
+        graph = jax.tree.map(lambda field: np.asarray(field)[3], graphs)
+        np.testing.assert_array_equal(graph.active[1:3], active[rule])
+        sequence = jax.jit(encoder.encode_sequence, static_argnums=1)(PARAMS, OBJECTS, boxes, mask, 4, pooling)
+        close(np.asarray(sequence)[3], ENCODE(PARAMS, graph, pooling))

@@ -173,6 +173,15 @@ def test_shown_frames_are_the_demonstrations_own_or_rearrangements_of_them():
     assert not other.active[:, 0, block].any()
 
 
+@pytest.mark.parametrize("rule, expected", [("displacement", True), ("frame_motion", False), ("momentary", False)])
+def test_pretraining_flags_what_moved_by_its_rule(rule, expected):
+    # The block goes over two diagonals of its box, but far less than one from frame to frame.
+    hyper = PretrainHyper(rearranged=0.0, tau=1.0)
+    shown = trainer.shown_frames(PretrainConfig(activity=rule), hyper, DATA, jax.random.key(0), draws=1)
+    block = DEMOS.objects.names.index("block")
+    assert not shown.active[:, :2, block].any() and (shown.active[:, 2, block] == expected).all()
+
+
 @pytest.mark.parametrize("rearranged", [0.0, 1.0])
 def test_pretraining_without_persistence_sees_fewer_active_objects(rearranged):
     last = DEMOS.lengths - 1
@@ -181,8 +190,8 @@ def test_pretraining_without_persistence_sees_fewer_active_objects(rearranged):
     data = prepare(replace(DEMOS, boxes=boxes))
     hyper = PretrainHyper(rearranged=rearranged, bumped_before=0.0, tau=0.05)
     seen = [
-        np.asarray(trainer.shown_frames(PretrainConfig(persistent=kept), hyper, data, jax.random.key(0), 2).active)
-        for kept in (True, False)
+        np.asarray(trainer.shown_frames(PretrainConfig(activity=rule), hyper, data, jax.random.key(0), 2).active)
+        for rule in ("frame_motion", "momentary")
     ]
     # At the end everything that was moved counts as active, or only what still moves: in a rearrangement, what is
     # brought last.
@@ -192,8 +201,8 @@ def test_pretraining_without_persistence_sees_fewer_active_objects(rearranged):
 
 def test_the_poolings_floats_are_pretrainings_of_the_same_name():
     hyper = PretrainHyper(alpha=3.0, suppress_robot=0.5, robot_messages=0.25, tau=0.1)
-    expected = PoolingParams(alpha=3.0, suppress_robot=0.5, robot_messages=0.25, tau=0.1, persistent=False)
-    assert trainer.pooling_params(replace(CONFIG, persistent=False), hyper) == expected
+    expected = PoolingParams(alpha=3.0, suppress_robot=0.5, robot_messages=0.25, tau=0.1, activity="momentary")
+    assert trainer.pooling_params(replace(CONFIG, activity="momentary"), hyper) == expected
 
 
 def test_pretraining_aligns_images():

@@ -89,7 +89,14 @@ def test_trajectories_are_held_to_the_longest_ones_end(monkeypatch):
     assert report["by_kind"]["success"]["undiscounted"] == pytest.approx((-7 - 5) / 2)
     assert report["by_kind"]["failure"]["undiscounted"] == pytest.approx(-1 - 2 * 4)
     assert report["by_kind"]["failure"]["discounted"] == pytest.approx(-1 - 2 * (0.5 + 0.25 + 0.125 + 0.0625))
-    assert report["successes_above"] == {"undiscounted": 1.0, "discounted": 0.5}
+    assert report["by_kind"]["success"]["end"] == pytest.approx((0 - 1) / 2)
+    assert report["by_kind"]["failure"]["end"] == pytest.approx(-2)
+    assert report["successes_above"] == {"undiscounted": 1.0, "discounted": 0.5, "by_kind": {"failure": 1.0}}
+    # Or to the end of an episode, be it later or earlier.
+    for horizon, success, failure in ((7, (-7 - 7) / 2, -1 - 2 * 6), (3, (-6 - 3) / 2, -1 - 2 * 2)):
+        sums = trajectory_scores(None, demos, horizon=horizon)["by_kind"]
+        assert sums["success"]["undiscounted"] == pytest.approx(success)
+        assert sums["failure"]["undiscounted"] == pytest.approx(failure)
 
 
 @jax.tree_util.register_dataclass

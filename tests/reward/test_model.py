@@ -12,6 +12,7 @@ from graphrl_jax.encoder.config import EncoderConfig, PixelConfig
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.graph import sequence_graphs
 from graphrl_jax.reward.model import (
+    FARTHEST,
     MOST_EVENED,
     RewardModel,
     demonstration_embeddings,
@@ -116,6 +117,15 @@ def test_equation_3_has_exponent_one(model):
     np.testing.assert_allclose(model.value(2.0), -2 * np.asarray(model.kappa), rtol=1e-6)
 
 
+@pytest.mark.parametrize("exponent", [0.5, 1.0, 3.0])
+def test_what_is_farther_than_the_farthest_costs_no_more(model, exponent):
+    model = replace(model, kappa=np.float32(0.5), exponent=np.float32(exponent))
+    scaled = np.array([0.0, 0.3, 1.0, 1.999, FARTHEST, 2.001, 50.0], np.float32)
+    rewards = np.asarray(model.value(scaled / 0.5))
+    np.testing.assert_allclose(rewards, -(np.minimum(scaled, FARTHEST) ** exponent), rtol=1e-5)
+    assert (np.diff(rewards[:5]) < 0).all() and (rewards[4:] == rewards[4]).all()
+
+
 def test_another_encoder_goal_or_scale_does_not_trace_again(model, graphs):
     traces = []
 
@@ -171,7 +181,7 @@ def test_the_reward_falls_with_the_distance_of_images_to_the_last_ones(image_mod
     goal = np.asarray(embed(IMAGE_PARAMS, frames[np.arange(4), LAST])).mean(0)
     np.testing.assert_allclose(image_model.goal, goal, rtol=1e-4, atol=1e-5)
     distances = np.linalg.norm(np.asarray(embed(IMAGE_PARAMS, frames[0])) - goal, axis=-1)
-    expected = -np.asarray(image_model.kappa) * distances
+    expected = -np.minimum(np.asarray(image_model.kappa) * distances, FARTHEST)
     rewards = demonstration_rewards(image_model, IMAGE_DEMOS)
     np.testing.assert_allclose(rewards[0], expected, rtol=1e-3, atol=1e-4)
     np.testing.assert_allclose(jax.jit(RewardModel.apply)(image_model, frames[0, 3]), rewards[0, 3], rtol=1e-4)
