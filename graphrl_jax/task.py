@@ -2,6 +2,7 @@
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
 
@@ -10,9 +11,18 @@ import numpy as np
 from brax.envs.base import Env, State
 
 from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.perception.detector import Detector
 from graphrl_jax.reward.landscape import Landscape
+
+
+@dataclass(frozen=True)
+class TrainingSize:
+    """Size of a policy training: PPO updates, and values of `PPOConfig` and `PPOHyper` fields that the task sets."""
+
+    updates: int
+    ppo: Mapping[str, Any]
 
 
 class Task(Env):
@@ -30,8 +40,10 @@ class Task(Env):
       event_names: (E,) names of the true events, each the end of a subtask.
       episode_length: control steps per episode.
       frame_rate: control steps per second.
-      pretrain_overrides: values of `PretrainHyper` fields for the task's demonstrations, such as `rearranged` 0 if
-        objects do not move freely.
+      decision_steps: control steps per decision of the policy.
+      pretrain_overrides: values of `PretrainHyper` fields for the task's demonstrations, such as 0 for `in_order` if
+        objects may be brought in any order.
+      training_sizes: sizes of policy training that replace those of a preset, by the preset's name.
     """
 
     name: str
@@ -39,7 +51,9 @@ class Task(Env):
     event_names: tuple[str, ...]
     episode_length: int
     frame_rate: float
+    decision_steps: int = 1
     pretrain_overrides: Mapping[str, float] = MappingProxyType({})
+    training_sizes: Mapping[str, TrainingSize] = MappingProxyType({})
 
     @property
     def backend(self) -> str:
@@ -87,6 +101,19 @@ class Task(Env):
         """Detector of the task's objects in images, for the import of videos; None if only the user can supply one."""
         return None
 
+    def training_starts(self, key: jax.Array, pooling: PoolingParams) -> Any:
+        """Arrays that `training` draws starts from, made once before a training; None if it needs none. Can be traced.
+
+        Args:
+          key: randomness.
+          pooling: `tau` and `activity` define activity along the way to a start.
+        """
+        return None
+
     @abstractmethod
-    def training(self) -> "Task":
-        """The same task with the reset distribution of policy training."""
+    def training(self, starts: Any = None) -> "Task":
+        """The same task with the reset distribution of policy training.
+
+        Args:
+          starts: as returned by `training_starts`; may be traced.
+        """

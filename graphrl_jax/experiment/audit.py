@@ -45,7 +45,8 @@ def audit_reward(job: EncoderJob, task: Task, model: RewardModel) -> dict[str, A
         job.run.figures / "reward_on_demonstrations.png",
         "Learned reward on held-out demonstrations",
     )
-    metrics = {**report.metrics(), "trajectory_scores": trajectory_scores(model, demonstrations)}
+    scores = trajectory_scores(model, demonstrations, horizon=task.episode_length)
+    metrics = {**report.metrics(), "trajectory_scores": scores}
     if not demonstrations.success.all():
         metrics["discrimination"] = _discrimination(model, rewards, held_out, demonstrations)
     method = SUBTASK_METHODS[0]

@@ -14,6 +14,7 @@ from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import Settings
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.pretrain.config import PretrainConfig
+from graphrl_jax.pretrain.trainer import pooling_params
 from graphrl_jax.registry import make_task
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.rl import ppo
@@ -40,7 +41,7 @@ def load_reward(run: Run, config: PretrainConfig, objects: ObjectTable) -> Rewar
     def template() -> RewardModel:
         zero = jnp.zeros((), jnp.float32)
         params = encoder.init(jax.random.key(0), config.encoder, objects)
-        pooling = PoolingParams(zero, zero, zero, zero, config.persistent)
+        pooling = PoolingParams(zero, zero, zero, zero, config.activity)
         goal = jnp.zeros(config.encoder.embedding, jnp.float32)
         return RewardModel(params, goal, zero, zero, pooling, config.encoder.image_size)
 
@@ -48,13 +49,13 @@ def load_reward(run: Run, config: PretrainConfig, objects: ObjectTable) -> Rewar
 
 
 def load_reward_params(run: Run, settings: Settings, task: Task) -> Any:
-    """The reward parameters of a run of `train`: its `RewardModel`, or tau if no reward is learned.
+    """The reward parameters of a run of `train`: its `RewardModel`, or `PoolingParams` if no reward is learned.
 
     Raises:
       StorageError: see `load_reward`.
     """
     if settings.method.encoder is None:
-        return np.float32(settings.pretrain.tau)
+        return jax.tree.map(np.float32, pooling_params(settings.pretrain_config, settings.pretrain))
     return load_reward(run, settings.pretrain_config, task.objects)
 
 
@@ -72,15 +73,19 @@ def load_policy(run: Run, task: Task, settings: Settings, reward_params: Any) ->
     return load_tree(run.path / "policy.npz", jax.eval_shape(template))
 
 
-def load_run(path: str | Path) -> TrainedRun:
+def load_run(path: str | Path, engine: str | None = None) -> TrainedRun:
     """A finished run of `train`, or a member of a sweep, from its folder.
 
+    Args:
+      path: folder of the run.
+      engine: physics engine of the task; default: the fastest on this device.
+
     Raises:
-      ValueError: the task is not registered.
+      ValueError: the task is not registered, or cannot use the engine.
       RunError, StorageError: the folder holds no such run, or the run is not finished.
     """
     run = Run(path)
     settings = run.settings()
-    task = make_task(settings.task)
+    task = make_task(settings.task, engine)
     reward_params = load_reward_params(run, settings, task)
     return TrainedRun(task, settings, reward_params, load_policy(run, task, settings, reward_params))

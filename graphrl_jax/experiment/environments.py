@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import cache, partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 
@@ -15,12 +15,27 @@ from graphrl_jax.task import Task
 
 @cache
 def environment_of(task: Task, reward: str) -> Callable[[Any], EnvironmentReward]:
-    """The function from reward parameters to an environment; parameters are a `RewardModel`, or tau for `env`.
+    """The function from reward parameters to an environment; parameters are a `RewardModel`, or `PoolingParams` for
+    `env`.
 
     Cached: compiled programs are keyed by this function, so a task and reward must always give the same one.
     """
     wrapper = WRAPPERS[method_named(reward).needs]
     return lambda reward_params: wrapper(task, reward_params)
+
+
+class TrainingParams(NamedTuple):
+    """Parameters of a training environment: those of the reward, and the task's `training_starts`."""
+
+    reward: Any
+    starts: Any
+
+
+@cache
+def training_environment_of(task: Task, reward: str) -> Callable[[TrainingParams], EnvironmentReward]:
+    """As `environment_of`, with the starts of policy training; a function from `TrainingParams` to an environment."""
+    wrapper = WRAPPERS[method_named(reward).needs]
+    return lambda params: wrapper(task.training(params.starts), params.reward)
 
 
 def refuse_undrawn(task: Task, reward: str) -> None:

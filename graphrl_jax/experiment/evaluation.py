@@ -4,6 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -31,14 +32,7 @@ def evaluate_policy(trained: TrainedRun, episodes: int, seed: int) -> dict[str, 
     Returns:
       success_rate, mean_score and mean_return (of the reward that the policy was trained on), episodes and seed.
     """
-    outcomes = rollout.evaluate(
-        evaluation_config(trained),
-        environment_of(trained.task, trained.settings.reward),
-        trained.reward_params,
-        trained.policy,
-        stage_key(seed, RunStage.EVALUATION),
-        episodes,
-    )
+    outcomes = unseen_episodes(trained, episodes, seed)
     return {
         "success_rate": float(jnp.mean(outcomes["success"])),
         "mean_score": float(jnp.mean(outcomes["score"])),
@@ -46,6 +40,22 @@ def evaluate_policy(trained: TrainedRun, episodes: int, seed: int) -> dict[str, 
         "mean_return": float(jnp.mean(outcomes["episode_return"])),
         "seed": seed,
     }
+
+
+def unseen_episodes(trained: TrainedRun, episodes: int, seed: int) -> dict[str, jax.Array]:
+    """Outcomes of the episodes that `evaluate_policy` averages, each (episodes,); see `rollout.episode_outcomes`.
+
+    `events` (episodes, E) bool says which of the task's events hold at the end.
+    """
+    return rollout.evaluate(
+        evaluation_config(trained),
+        environment_of(trained.task, trained.settings.reward),
+        trained.reward_params,
+        trained.policy,
+        stage_key(seed, RunStage.EVALUATION),
+        episodes,
+        events=trained.task.events,
+    )
 
 
 def show_policy(run: Run, trained: TrainedRun, episodes: int, seed: int, video: Path) -> None:

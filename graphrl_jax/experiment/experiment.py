@@ -7,7 +7,7 @@ Results that a run directory already holds are reused, so that an interrupted ru
 
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any
 
@@ -65,10 +65,16 @@ def refuse_impossible(task: Task, settings: Settings, members: int = 1) -> None:
       members: number of runs side by side.
 
     Raises:
-      ValueError: the reward needs images, and the task draws none; or the environments do not fit the devices.
+      ValueError: the reward needs images, and the task draws none; the environments do not fit the devices; or the
+        task's episodes, which policies are evaluated on, are not whole decisions.
       DemonstrationError: see `given_demonstrations`.
     """
     sharding.mesh_for(members, settings.ppo_config.num_envs)
+    steps = settings.ppo_config.decision_steps
+    if task.episode_length % steps:
+        raise ValueError(
+            f"decision_steps is {steps}; allowed: divisors of the {task.episode_length} steps of {task.name}'s episodes"
+        )
     refuse_undrawn(task, settings.reward)
     if settings.demos is not None:
         given_demonstrations(task, settings)
@@ -129,10 +135,10 @@ def load_demonstrations(path: str | Path, task: Task) -> Demonstrations:
       DemonstrationError: the file is not a demonstration file, or has other objects.
     """
     loaded = demonstration_files.load(path)
-    if loaded.objects != task.objects:
-        raise DemonstrationError(
-            f"{path}: objects are {loaded.objects.names}, but task {task.name} has {task.objects.names}"
-        )
+    for field in fields(task.objects):
+        found, expected = getattr(loaded.objects, field.name), getattr(task.objects, field.name)
+        if found != expected:
+            raise DemonstrationError(f"{path}: {field.name} is {found}, but task {task.name} has {expected}")
     return loaded
 
 

@@ -18,6 +18,7 @@ class RunStage(IntEnum):
     EVALUATION = 4
     RECORDING = 5
     GOAL = 6
+    STARTS = 7
 
 
 def stage_key(seed: int, stage: RunStage) -> jax.Array:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Literal
 
-from graphrl_jax.encoder.config import Kind
+from graphrl_jax.encoder.config import ActivityRule, Kind
 from graphrl_jax.pretrain.config import PretrainHyper
 
 Needs = Literal["nothing", "graphs", "images"]
@@ -21,18 +21,21 @@ class Ablation:
     Attributes:
       floats: values of `PretrainHyper` fields that the ablation sets.
       edges: keep offsets and distances on the edges.
-      persistent: moved objects stay active.
+      activity: rule by which an object becomes active; None keeps the default.
     """
 
     floats: Mapping[str, float] = field(default_factory=dict)
     edges: bool = True
-    persistent: bool = True
+    activity: ActivityRule | None = None
 
 
+_TAU_PER_FRAME = 0.02
+"""Threshold of the rules that compare an object with the previous frame, in box diagonals."""
 ABLATIONS = {
     "reconstruction": Ablation({"reconstruction_weight": 0.0}),
     "activity": Ablation({"alpha": 1.0}),
-    "persistence": Ablation(persistent=False),
+    "displacement": Ablation({"tau": _TAU_PER_FRAME}, activity="frame_motion"),
+    "persistence": Ablation({"tau": _TAU_PER_FRAME}, activity="momentary"),
     "edges": Ablation(edges=False),
 }
 
@@ -80,7 +83,7 @@ METHODS: dict[str, Method] = {
         "interaction",
         overrides=_GRAPHIRL,
         floats=_GRAPHIRL_FLOATS,
-        ablations=("persistence",),
+        ablations=("displacement", "persistence"),
     ),
     "graphirl_with_robot": Method(
         "GraphIRL, w/ robot",
@@ -88,7 +91,7 @@ METHODS: dict[str, Method] = {
         "interaction",
         overrides=_GRAPHIRL | WITH_ROBOT,
         floats=_GRAPHIRL_FLOATS,
-        ablations=("persistence",),
+        ablations=("displacement", "persistence"),
     ),
     "xirl": Method("XIRL (pixels)", "images", "pixels", floats=_IMAGE_FLOATS),
     # No reward is learned, but the policy observes activity.

@@ -16,7 +16,7 @@ class Preset:
     Attributes:
       demonstrations: expert demonstrations if no file is given; the audit adds a quarter as many failures.
       pretrain_config: sizes of pretraining, by the method's input.
-      ppo_config: sizes of PPO; the episode length is the task's.
+      ppo_config: sizes of PPO; the episode length and the steps per decision are the task's.
       updates: PPO updates.
       updates_per_chunk: updates per compiled call; checkpoints and log lines are written once per chunk.
       episodes: episodes of the final evaluation.

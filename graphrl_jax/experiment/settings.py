@@ -10,7 +10,7 @@ from graphrl_jax.experiment.methods import ABLATIONS, Method, method_named
 from graphrl_jax.experiment.presets import Preset, preset_named
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 from graphrl_jax.rl.config import PPOConfig, PPOHyper
-from graphrl_jax.task import Task
+from graphrl_jax.task import Task, TrainingSize
 
 
 @dataclass(frozen=True)
@@ -27,6 +27,7 @@ class Settings:
       updates: PPO updates.
       updates_per_chunk: updates per compiled call; checkpoints and log lines are written once per chunk.
       episodes: episodes of the final evaluation.
+      engine: physics engine of the task, or None for the fastest on the device.
       pretrain_config: sizes of pretraining.
       pretrain: floats of pretraining.
       ppo_config: sizes of PPO.
@@ -45,6 +46,7 @@ class Settings:
     updates: int
     updates_per_chunk: int
     episodes: int
+    engine: str | None
     pretrain_config: PretrainConfig
     pretrain: PretrainHyper
     ppo_config: PPOConfig
@@ -80,6 +82,7 @@ def compose(
     demos: str | None = None,
     ablations: Sequence[str] = (),
     updates: int | None = None,
+    engine: str | None = None,
     pretrain: Mapping[str, Any] | None = None,
     ppo: Mapping[str, Any] | None = None,
 ) -> Settings:
@@ -92,7 +95,8 @@ def compose(
       seed: source of all randomness.
       demos: path of a demonstration file, or None.
       ablations: names in `methods.ABLATIONS`.
-      updates: PPO updates; default: the preset's.
+      updates: PPO updates; default: the task's for this preset, else the preset's.
+      engine: physics engine that was asked for.
       pretrain: requested values of `PretrainHyper` and `PretrainConfig` fields.
       ppo: requested values of `PPOHyper` and `PPOConfig` fields.
 
@@ -100,9 +104,11 @@ def compose(
       ValueError: an unknown name, a value that is not allowed, or a request that does not affect this reward.
     """
     method, sizes = method_named(reward), preset_named(preset)
-    updates = sizes.updates if updates is None else updates
+    size = task.training_sizes.get(preset, TrainingSize(sizes.updates, {}))
+    updates = size.updates if updates is None else updates
     floats, config_fields = _shared_out("pretrain", pretrain, PretrainHyper, PretrainConfig)
     ppo_floats, ppo_fields = _shared_out("ppo", ppo, PPOHyper, PPOConfig)
+    task_floats, task_fields = _shared_out("ppo", size.ppo, PPOHyper, PPOConfig)
     ablated = _ablated_floats(reward, method, ablations)
     useless = [name for name in floats if name not in method.floats]
     for name in useless + (list(config_fields) if method.encoder is None else []):
@@ -110,7 +116,7 @@ def compose(
     for name in floats:
         if name in ablated:
             raise ValueError(f"pretrain.{name} is asked for, but an ablation of {', '.join(ablations)} sets it")
-    episode = {"episode_length": task.episode_length}
+    episode = {"episode_length": task.episode_length, "decision_steps": task.decision_steps}
     decay = {"decay_updates": float(updates)}
     return Settings(
         task=task.name,
@@ -122,10 +128,11 @@ def compose(
         updates=updates,
         updates_per_chunk=sizes.updates_per_chunk,
         episodes=sizes.episodes,
+        engine=engine,
         pretrain_config=replace(_pretrain_config(sizes, method, ablations), **config_fields),
         pretrain=PretrainHyper(**{**task.pretrain_overrides, **method.overrides, **ablated, **floats}),
-        ppo_config=replace(sizes.ppo_config, **episode | ppo_fields),
-        ppo=PPOHyper(**decay | ppo_floats),
+        ppo_config=replace(sizes.ppo_config, **episode | task_fields | ppo_fields),
+        ppo=PPOHyper(**decay | task_floats | ppo_floats),
     )
 
 
@@ -136,7 +143,10 @@ def _pretrain_config(sizes: Preset, method: Method, ablations: Sequence[str]) ->
     config = sizes.pretrain_config[method.needs]
     left_out = [ABLATIONS[name] for name in ablations]
     encoder = replace(config.encoder, kind=method.encoder, edges=all(one.edges for one in left_out))
-    return replace(config, encoder=encoder, persistent=all(one.persistent for one in left_out))
+    rules = {name: ABLATIONS[name].activity for name in ablations if ABLATIONS[name].activity}
+    if len(rules) > 1:
+        raise ValueError(f"ablations {', '.join(rules)} each set the rule of activity; allowed: one of them")
+    return replace(config, encoder=encoder, activity=next(iter(rules.values()), config.activity))
 
 
 def _ablated_floats(reward: str, method: Method, ablations: Sequence[str]) -> dict[str, float]:

@@ -11,14 +11,16 @@ import jax
 import numpy as np
 
 from graphrl_jax.experiment import batching, sharding
-from graphrl_jax.experiment.environments import environment_of
+from graphrl_jax.experiment.environments import TrainingParams, training_environment_of
 from graphrl_jax.experiment.keys import RunStage, stage_key
 from graphrl_jax.experiment.run_directory import Run, RunError
 from graphrl_jax.experiment.settings import Settings
+from graphrl_jax.pretrain.trainer import pooling_params
 from graphrl_jax.progress import Progress
 from graphrl_jax.rl import ppo
 from graphrl_jax.rl.config import PPOHyper
 from graphrl_jax.rl.ppo import TrainState, as_float32
+from graphrl_jax.runtime import jit_physics
 from graphrl_jax.storage import load_tree, read_json, save_tree, write_json
 from graphrl_jax.task import Task
 from graphrl_jax.viz import plots
@@ -37,7 +39,7 @@ class _Inputs(NamedTuple):
     """Inputs of the training programs of one policy."""
 
     hyper: PPOHyper
-    reward_params: Any
+    params: TrainingParams
     key: jax.Array
 
 
@@ -82,24 +84,36 @@ class _Programs:
         self.inputs = [
             _Inputs(
                 as_float32(job.settings.ppo),
-                as_float32(job.reward_params),
+                TrainingParams(as_float32(job.reward_params), _starts(task, job)),
                 stage_key(job.settings.seed, RunStage.POLICY),
             )
             for job in jobs
         ]
-        make_env = environment_of(task.training(), settings.reward)
+        make_env = training_environment_of(task, settings.reward)
         self._made = cache(lambda count: batching.policy_programs(self.config, make_env, count))
         self.update = cache(self._update)
 
     def init(self, count: int) -> Any:
-        """The program (reward_params, key) -> state."""
+        """The program (params, key) -> state."""
         return self._made(count)[0]
 
     def _update(self, updates: int, count: int) -> Any:
-        """The compiled program of `updates` updates: (hyper, reward_params, state) -> (state, metrics)."""
-        hyper, reward_params, key = batching.stack(self.inputs[:count])
+        """The compiled program of `updates` updates: (hyper, params, state) -> (state, metrics)."""
+        hyper, params, key = batching.stack(self.inputs[:count])
         init, make_updates = self._made(count)
-        return make_updates(updates).lower(hyper, reward_params, init.eval_shape(reward_params, key)).compile()
+        return make_updates(updates).lower(hyper, params, init.eval_shape(params, key)).compile()
+
+
+def _starts(task: Task, job: PolicyJob) -> Any:
+    """The task's training starts for a run, kept in its folder: another machine would resume from others."""
+    kept, settings = job.run.path / "starts.npz", job.settings
+    inputs = stage_key(settings.seed, RunStage.STARTS), pooling_params(settings.pretrain_config, settings.pretrain)
+    if kept.exists():
+        return load_tree(kept, jax.eval_shape(task.training_starts, *inputs))
+    starts = jit_physics(task.training_starts)(*inputs)
+    if starts is not None:
+        save_tree(kept, starts)
+    return starts
 
 
 def _group_size(programs: _Programs, jobs: Sequence[PolicyJob], folder: Path | None) -> int:
@@ -156,7 +170,7 @@ class _Group:
             count = min(chunk, updates - done)
             program = self.programs.update(count, self.size)
             started = time.perf_counter()
-            state, metrics = program(inputs.hyper, inputs.reward_params, state)
+            state, metrics = program(inputs.hyper, inputs.params, state)
             records = self._averages(metrics)
             elapsed = time.perf_counter() - started
             done += count
@@ -172,7 +186,7 @@ class _Group:
         mesh = sharding.mesh_for(self.size, self.programs.config.num_envs)
         stacked = batching.stack([self.programs.inputs[i] for i in self.group])
         inputs = sharding.put(stacked, sharding.per_member(mesh, self.size))
-        state = self.programs.init(self.size)(inputs.reward_params, inputs.key)
+        state = self.programs.init(self.size)(inputs.params, inputs.key)
         kept = load_tree(self.checkpoint, state) if self.checkpoint.exists() else None
         done = sharding.agreed(0 if kept is None else int(np.ravel(kept.updates)[0]), "progress of the training")
         if kept is not None:

@@ -20,18 +20,21 @@ class PPOConfig:
 
     Attributes:
       num_envs: B, environments stepped together.
-      unroll_length: T, steps per environment and update.
+      unroll_length: T, decisions per environment and update.
       num_epochs: passes over an update's data.
       num_minibatches: gradient steps per pass; each uses whole unrolls of B / num_minibatches environments.
-      episode_length: steps until an episode is truncated.
+      episode_length: control steps until an episode is truncated.
+      decision_steps: control steps per decision of the policy; the episode length must be a multiple of it.
       policy_hidden: widths of the policy's hidden layers.
       value_hidden: widths of the value network's hidden layers.
       activation: activation of the hidden layers of both networks.
+      initial_std: standard deviation of the policy's normal distribution at the start, before the tanh.
+      progress: pay the change of the reward from step to step (see `wrappers.Progress`).
       normalise_reward: divide the reward by the running standard deviation of the discounted returns.
       stagger_episodes: start the first episodes at random step counts.
 
     Raises:
-      ValueError: a field is not positive, B is not a multiple of num_minibatches, or the activation is unknown.
+      ValueError: a field is not positive or not a multiple of what it must be, or the activation is unknown.
     """
 
     num_envs: int = 1024
@@ -39,26 +42,33 @@ class PPOConfig:
     num_epochs: int = 4
     num_minibatches: int = 16
     episode_length: int = 120
+    decision_steps: int = 1
     policy_hidden: tuple[int, ...] = (128, 128)
     value_hidden: tuple[int, ...] = (128, 128)
     activation: Activation = "tanh"
+    initial_std: float = 0.6065
+    progress: bool = False
     normalise_reward: bool = True
     stagger_episodes: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("num_envs", "unroll_length", "num_epochs", "num_minibatches", "episode_length"):
+        sizes = ("num_envs", "unroll_length", "num_epochs", "num_minibatches", "episode_length", "decision_steps")
+        for name in sizes:
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}; allowed: 1 or more")
-        if self.num_envs % self.num_minibatches:
-            allowed = f"a multiple of num_minibatches ({self.num_minibatches})"
-            raise ValueError(f"num_envs is {self.num_envs}; allowed: {allowed}")
+        for name, part in (("num_envs", "num_minibatches"), ("episode_length", "decision_steps")):
+            value, least = getattr(self, name), getattr(self, part)
+            if value % least:
+                raise ValueError(f"{name} is {value}; allowed: a multiple of {part} ({least})")
+        if not self.initial_std > 0.001:
+            raise ValueError(f"initial_std is {self.initial_std}; allowed: above 0.001")
         if self.activation not in ACTIVATIONS:
             raise ValueError(f"activation is {self.activation!r}; allowed: {', '.join(ACTIVATIONS)}")
 
     @property
     def steps_per_update(self) -> int:
-        """Environment steps per update, B x T."""
-        return self.num_envs * self.unroll_length
+        """Control steps per update, B x T x decision_steps."""
+        return self.num_envs * self.unroll_length * self.decision_steps
 
 
 @dataclass(frozen=True)
@@ -69,7 +79,7 @@ class PPOHyper:
       learning_rate: Adam's step size at the first update.
       final_learning_rate: step size after `decay_updates` updates; linear in between, constant afterwards.
       decay_updates: updates over which the learning rate falls.
-      discount: gamma, per step.
+      discount: gamma, per decision.
       gae_lambda: lambda of the generalised advantage estimate.
       clip: clipping range of the probability ratio around 1.
       entropy_cost: weight of the entropy bonus.

@@ -34,13 +34,11 @@ def make_networks(config: PPOConfig, observation_size: int, action_size: int) ->
     )
 
 
-def init_params(
-    key: jax.Array, config: PPOConfig, observation_size: int, action_size: int, initial_std: jax.Array | float
-) -> losses.PPONetworkParams:
-    """Random parameters; the policy starts near mean 0 and standard deviation `initial_std` (before the tanh)."""
+def init_params(key: jax.Array, config: PPOConfig, observation_size: int, action_size: int) -> losses.PPONetworkParams:
+    """Random parameters; the policy starts near mean 0 and standard deviation `config.initial_std`, before the tanh."""
     policy_key, value_key = jax.random.split(key)
     network = make_networks(config, observation_size, action_size)
-    policy = _with_initial_std(network.policy_network.init(policy_key), len(config.policy_hidden), initial_std)
+    policy = _with_initial_std(network.policy_network.init(policy_key), len(config.policy_hidden), config.initial_std)
     return losses.PPONetworkParams(policy=policy, value=network.value_network.init(value_key))
 
 

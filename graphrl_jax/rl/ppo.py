@@ -75,9 +75,7 @@ class TrainState:
     updates: jax.Array
 
 
-def init(
-    config: PPOConfig, make_env: MakeEnv, reward_params: Any, key: jax.Array, initial_std: jax.Array | float = 0.6065
-) -> TrainState:
+def init(config: PPOConfig, make_env: MakeEnv, reward_params: Any, key: jax.Array) -> TrainState:
     """The state before the first update.
 
     Args:
@@ -85,15 +83,14 @@ def init(
       make_env: builds ONE unbatched environment from the reward's parameters.
       reward_params: any pytree.
       key: typed key, the source of all randomness in the run.
-      initial_std: standard deviation of the policy's normal distribution, before the tanh (0.6065 = exp(-0.5)).
     """
     reset_key, stagger_key, network_key, train_key = jax.random.split(key, 4)
-    env = vectorise(make_env(reward_params), config.episode_length)
+    env = vectorise(make_env(reward_params), config)
     env_state = env.reset(jax.random.split(reset_key, config.num_envs))
     if config.stagger_episodes:
-        env_state = stagger(env_state, stagger_key, config.episode_length)
+        env_state = stagger(env_state, stagger_key, config)
     observation_size = env_state.obs.shape[-1]
-    params = init_params(network_key, config, observation_size, env.action_size, initial_std)
+    params = init_params(network_key, config, observation_size, env.action_size)
     return _strong(
         TrainState(
             params=params,
@@ -114,7 +111,7 @@ def unroll(
     config: PPOConfig, make_env: MakeEnv, reward_params: Any, state: TrainState, key: jax.Array
 ) -> tuple[State, Transition]:
     """T steps of the policy in each of B environments: the final states, and the transitions, leaves (T, B, ...)."""
-    env = vectorise(make_env(reward_params), config.episode_length)
+    env = vectorise(make_env(reward_params), config)
     network = make_networks(config, state.env_state.obs.shape[-1], env.action_size)
     policy = networks.make_inference_fn(network)((state.normalizer, state.params.policy))
     return acting.generate_unroll(

@@ -1,5 +1,6 @@
 """Rollouts of a fixed policy: the outcomes of episodes or all their frames, each in one compiled program."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ from graphrl_jax.demonstrations import reached_for_good
 from graphrl_jax.rl.config import PPOConfig
 from graphrl_jax.rl.networks import make_inference
 from graphrl_jax.rl.ppo import OUTCOMES, MakeEnv
-from graphrl_jax.rl.wrappers import Episode
+from graphrl_jax.rl.wrappers import episodic
 from graphrl_jax.runtime import jit_physics
 from graphrl_jax.task import Task
 
@@ -26,6 +27,7 @@ def episode_outcomes(
     key: jax.Array,
     num_episodes: int,
     deterministic: bool = True,
+    events: Callable[[State], jax.Array] | None = None,
 ) -> dict[str, jax.Array]:
     """Outcomes of one episode in each of `num_episodes` environments, from new resets, side by side. Pure.
 
@@ -36,30 +38,39 @@ def episode_outcomes(
       key: typed key; the same key gives the same episodes.
       num_episodes: static.
       deterministic: act by the distribution's mode instead of a sample; static.
+      events: function from a state to (E,) bool, such as `Task.events`; static.
 
     Returns:
       (num_episodes,) float32 for each of `ppo.OUTCOMES` that the environment reports: `success` and `score` of the
-      last state, `episode_return`, `episode_length`.
+      last state, `episode_return`, `episode_length`. With `events`, also those of the last state: (num_episodes, E).
     """
-    env = VmapWrapper(Episode(make_env(reward_params), config.episode_length))
+    env = VmapWrapper(episodic(make_env(reward_params), config))
     reset_key, act_key = jax.random.split(key)
     state = env.reset(jax.random.split(reset_key, num_episodes))
     act = make_inference(config, state.obs.shape[-1], env.action_size, deterministic)
-    outcomes = {name: state.metrics[name] for name in OUTCOMES if name in state.metrics}
+
+    def outcomes_of(state: State) -> dict[str, jax.Array]:
+        found = {name: state.metrics[name] for name in OUTCOMES if name in state.metrics}
+        return found if events is None else {**found, "events": jax.vmap(events)(state)}
+
+    def choose(running: jax.Array, new: Any, old: Any) -> Any:
+        return jax.tree.map(partial(jnp.where, running), new, old)
 
     def step(carry: tuple, key: jax.Array) -> tuple:
         state, running, outcomes = carry
         state = env.step(_not_done(state), act(policy_params, state.obs, key))
         # Steps after the end of an episode are ignored.
-        outcomes = {name: jnp.where(running, state.metrics[name], old) for name, old in outcomes.items()}
+        outcomes = jax.vmap(choose)(running, outcomes_of(state), outcomes)
         return (state, running & (state.done == 0), outcomes), None
 
-    carry = (_not_done(state), jnp.ones(num_episodes, bool), outcomes)
-    (_, _, outcomes), _ = jax.lax.scan(step, carry, jax.random.split(act_key, config.episode_length))
+    carry = (_not_done(state), jnp.ones(num_episodes, bool), outcomes_of(state))
+    decisions = config.episode_length // config.decision_steps
+    (_, _, outcomes), _ = jax.lax.scan(step, carry, jax.random.split(act_key, decisions))
     return outcomes
 
 
-evaluate = jit_physics(episode_outcomes, static_argnames=("config", "make_env", "num_episodes", "deterministic"))
+_STATIC = ("config", "make_env", "num_episodes", "deterministic", "events")
+evaluate = jit_physics(episode_outcomes, static_argnames=_STATIC)
 """`episode_outcomes`, compiled. Inside another compiled program use `episode_outcomes`: it sets no compiler options."""
 
 
@@ -114,14 +125,18 @@ def record(
         state = env.reset(jax.random.split(key, episodes))
         act = make_inference(config, state.obs.shape[-1], env.action_size, deterministic=True)
 
-        def step(state: Any, key: jax.Array) -> Any:
-            state = env.step(state, act(policy_params, state.obs, key))
+        def decide(state: Any, key: jax.Array) -> Any:
+            action = act(policy_params, state.obs, key)
+            return jax.lax.scan(partial(control, action), state, length=config.decision_steps)
+
+        def control(action: jax.Array, state: Any, _: None) -> Any:
+            state = env.step(state, action)
             info = state.info
             frame = (state.pipeline_state, info["boxes"], info["mask"], info["active"], state.reward)
             return state, (*frame, jax.vmap(task.events)(state))
 
-        _, frames = jax.lax.scan(step, state, jax.random.split(key, task.episode_length))
-        return jax.tree.map(lambda leaf: leaf.swapaxes(0, 1), frames)
+        _, frames = jax.lax.scan(decide, state, jax.random.split(key, task.episode_length // config.decision_steps))
+        return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]).swapaxes(0, 1), frames)
 
     *frames, events = jax.tree.map(np.asarray, run(reward_params, policy_params, key, episodes))
     return Rollout(*frames, events=reached_for_good(events))

@@ -1,8 +1,8 @@
-"""Environment wrappers: observe activity, replace the reward, limit the episode, reset automatically.
+"""Environment wrappers: observe activity, replace the reward, limit the episode, decide seldom, reset automatically.
 
 Every wrapper is written for ONE environment; `vectorise` applies `jax.vmap` outside of them. The order is
 
-    task -> EnvironmentReward, GraphReward or ImageReward -> Episode -> AutoReset -> vmap
+    task -> EnvironmentReward, GraphReward or ImageReward -> Episode -> Progress -> Decisions -> AutoReset -> vmap
 
 Values that a wrapper keeps between steps are in `State.info` and are replaced at every reset. `State.metrics` holds the
 scalars of the last step; `AutoReset` copies them to `info["step_metrics"]` for the training loop.
@@ -17,33 +17,35 @@ from brax.envs.base import Env, State, Wrapper
 from brax.envs.wrappers.training import VmapWrapper
 
 from graphrl_jax.encoder.encoder import Seen
-from graphrl_jax.graph import build_graph, update_activity
+from graphrl_jax.encoder.pooling import PoolingParams
+from graphrl_jax.graph import ActivityState, begin_activity, build_graph, update_activity
 from graphrl_jax.reward.model import RewardModel
+from graphrl_jax.rl.config import PPOConfig
 
 
 class EnvironmentReward(Wrapper):
     """Keeps the task's own reward and adds activity flags to the observation.
 
-    `info` holds the inputs of the next step:
+    `info` holds the last frame and its `ActivityState`, which is the input of the next step:
 
-    | field  | shape  | dtype   | meaning                                                                     |
-    |--------|--------|---------|-----------------------------------------------------------------------------|
-    | boxes  | (N, 4) | float32 | boxes of the last frame                                                     |
-    | mask   | (N,)   | bool    | slots that are filled in that frame                                         |
-    | active | (N,)   | bool    | slots that have moved in this episode, or counted as moved at its start     |
+    | field           | shape  | dtype   | meaning                                                                 |
+    |-----------------|--------|---------|-------------------------------------------------------------------------|
+    | boxes           | (N, 4) | float32 | boxes of the last frame                                                 |
+    | mask            | (N,)   | bool    | slots that are filled in that frame                                     |
+    | active          | (N,)   | bool    | slots that have moved in this episode, or counted as moved at its start |
+    | reference_boxes | (N, 4) | float32 | see `ActivityState`                                                     |
+    | reference_mask  | (N,)   | bool    | see `ActivityState`                                                     |
 
     The observation is the task's, followed by the N activity flags as 0 or 1. Metric: `env_reward`.
 
     Args:
       env: the task, a Brax environment with `boxes(state) -> ((N, 4), (N,))` and `objects`.
-      tau: scalar activity threshold, in box diagonals per step.
-      persistent: see `graph.update_activity`.
+      pooling: `tau` and `activity` define activity; nothing else of it is used.
     """
 
-    def __init__(self, env: Env, tau: jax.Array | float, persistent: bool = True):
+    def __init__(self, env: Env, pooling: PoolingParams):
         super().__init__(env)
-        self.tau = tau
-        self.persistent = persistent
+        self.pooling = pooling
 
     @property
     def observation_size(self) -> int:
@@ -52,29 +54,29 @@ class EnvironmentReward(Wrapper):
     def reset(self, rng: jax.Array) -> State:
         state = self.env.reset(rng)
         boxes, mask = self.env.boxes(state)
-        active = state.info.get("active", jnp.zeros(mask.shape, bool))
-        return self._with_activity(state, {}, boxes, mask, active)
+        activity = begin_activity(boxes, mask, state.info.get("active"))
+        return self._with_activity(state, {}, boxes, mask, activity)
 
     def step(self, state: State, action: jax.Array) -> State:
         before = state.info
         state = self.env.step(state, action)
         boxes, mask = self.env.boxes(state)
-        last = (before["active"], before["boxes"], before["mask"])
-        active = update_activity(*last, boxes, mask, self.tau, self.persistent)
-        return self._with_activity(state, before, boxes, mask, active)
+        last = ActivityState(*(before[name] for name in ActivityState._fields))
+        activity = update_activity(last, boxes, mask, self.pooling.tau, self.pooling.activity)
+        return self._with_activity(state, before, boxes, mask, activity)
 
     def _with_activity(
-        self, state: State, info: dict[str, Any], boxes: jax.Array, mask: jax.Array, active: jax.Array
+        self, state: State, info: dict[str, Any], boxes: jax.Array, mask: jax.Array, activity: ActivityState
     ) -> State:
         return state.replace(
-            obs=jnp.concatenate([state.obs, active.astype(jnp.float32)]),
-            info={**info, **state.info, "boxes": boxes, "mask": mask, "active": active},
+            obs=jnp.concatenate([state.obs, activity.active.astype(jnp.float32)]),
+            info={**info, **state.info, "boxes": boxes, "mask": mask, **activity._asdict()},
             metrics={**state.metrics, "env_reward": state.reward},
         )
 
 
 class GraphReward(EnvironmentReward):
-    """Replaces the task's reward by the learned one, r = -(kappa ||phi(G) - g||)^exponent of the graph after the step.
+    """Replaces the task's reward by the learned one, `RewardModel.value` of the graph after the step.
 
     Observation and `info` are those of `EnvironmentReward`, so the two settings differ only in the reward. If activity
     does not persist (an ablation), the flags in the observation do not persist either.
@@ -86,7 +88,7 @@ class GraphReward(EnvironmentReward):
     """
 
     def __init__(self, env: Env, model: RewardModel):
-        super().__init__(env, model.pooling.tau, model.pooling.persistent)
+        super().__init__(env, model.pooling)
         self.model = model
 
     def reset(self, rng: jax.Array) -> State:
@@ -160,6 +162,56 @@ class Episode(Wrapper):
         return state.replace(info={**info, **state.info, **counters}, metrics={**state.metrics, **outcome})
 
 
+class Progress(Wrapper):
+    """Pays the change of the reward from step to step instead of the reward.
+
+    The best policies are the same, because up to a factor this is shaping by the potential r(s) / (1 - gamma), the
+    value of staying in s (Ng et al., "Policy invariance under reward transformations", 1999):
+
+        r(s') + gamma r(s') / (1 - gamma) - r(s) / (1 - gamma) = (r(s') - r(s)) / (1 - gamma)
+
+    The value network then learns only what changes; otherwise its errors about what stays the same hide what an action
+    does. The first step of an episode pays 0, because a reset computes no reward.
+
+    `info`: `last_reward` () float32 and `first` () bool.
+    """
+
+    def reset(self, rng: jax.Array) -> State:
+        state = self.env.reset(rng)
+        return self._remember(state, {}, jnp.zeros(()), jnp.ones((), bool))
+
+    def step(self, state: State, action: jax.Array) -> State:
+        before = state.info
+        state = self.env.step(state, action)
+        change = jnp.where(before["first"], 0.0, state.reward - before["last_reward"])
+        return self._remember(state, before, state.reward, jnp.zeros((), bool)).replace(reward=change)
+
+    def _remember(self, state: State, info: dict[str, Any], reward: jax.Array, first: jax.Array) -> State:
+        return state.replace(info={**info, **state.info, "last_reward": reward, "first": first})
+
+
+class Decisions(Wrapper):
+    """The policy decides once in `steps` control steps; its action is held, and the rewards in between are summed.
+
+    Activity, reward and time limit, all inside this wrapper, are still those of every control step. The episode's
+    length must be a multiple of `steps`. Once an episode is over, nothing changes until the next decision.
+    """
+
+    def __init__(self, env: Env, steps: int):
+        super().__init__(env)
+        self.steps = steps
+
+    def step(self, state: State, action: jax.Array) -> State:
+        def control(before: State, _: None) -> tuple[State, jax.Array]:
+            over = before.done > 0
+            after = self.env.step(before, action)
+            after = jax.tree.map(lambda old, new: jnp.where(over, old, new), before, after)
+            return after, jnp.where(over, 0.0, after.reward)
+
+        state, rewards = jax.lax.scan(control, state, length=self.steps)
+        return state.replace(reward=jnp.sum(rewards))
+
+
 class AutoReset(Wrapper):
     """Starts a new episode as soon as one is done.
 
@@ -168,6 +220,9 @@ class AutoReset(Wrapper):
     results of the last step remain: `reward`, `done`, `metrics` and `info["truncation"]`. At done = 1 the metrics are
     therefore those of the finished episode's last state. `info["step_metrics"]` is a copy of them.
 
+    A state that is not finite, as when physics diverges, ends its episode as if by the time limit, with reward 0 and
+    metrics 0. Otherwise one such environment would spoil the parameters of all. Metric: `bad_envs`, 1 in such a step.
+
     A new state is computed at every step and mostly discarded (a batched branch computes both sides), so the reset of
     the wrapped environment has to be cheap.
     """
@@ -175,13 +230,15 @@ class AutoReset(Wrapper):
     def reset(self, rng: jax.Array) -> State:
         reset_key, first_key = jax.random.split(rng)
         state = self.env.reset(first_key)
-        info = {**state.info, "reset_key": reset_key, "step_metrics": state.metrics}
-        return state.replace(info=info)
+        metrics = {**state.metrics, "bad_envs": jnp.zeros(())}
+        return state.replace(metrics=metrics, info={**state.info, "reset_key": reset_key, "step_metrics": metrics})
 
     def step(self, state: State, action: jax.Array) -> State:
         reset_key, fresh_key = jax.random.split(state.info["reset_key"])
-        # A task may leave `done` unchanged.
-        state = self.env.step(state.replace(done=jnp.zeros_like(state.done)), action)
+        # A task may leave `done` unchanged, and keeps no metric that it does not know.
+        known = {name: value for name, value in state.metrics.items() if name != "bad_envs"}
+        before = state.replace(done=jnp.zeros_like(state.done), metrics=known)
+        state = _without_bad(self.env.step(before, action))
         fresh = self.env.reset(fresh_key)
 
         def choose(new: Any, old: Any) -> Any:
@@ -196,19 +253,48 @@ class AutoReset(Wrapper):
         )
 
 
-def vectorise(env: Env, episode_length: int) -> Wrapper:
-    """The environment for a training loop: with time limit, automatic reset and batch axis.
+def _without_bad(state: State) -> State:
+    """Ends the episode of a state that is not finite; see `AutoReset`."""
+    leaves = jax.tree.leaves((state.pipeline_state, state.obs, state.reward))
+    floats = [leaf for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.floating)]
+    sound = jnp.stack([jnp.isfinite(leaf).all() for leaf in floats]).all()
+
+    def instead(value: jax.Array, other: float) -> jax.Array:
+        return jnp.where(sound, value, other)
+
+    metrics = {name: instead(value, 0.0) for name, value in state.metrics.items()}
+    return state.replace(
+        reward=instead(state.reward, 0.0),
+        done=instead(state.done, 1.0),
+        metrics={**metrics, "bad_envs": instead(jnp.zeros(()), 1.0)},
+        info={**state.info, "truncation": instead(state.info["truncation"], 1.0)},
+    )
+
+
+def episodic(env: Env, config: PPOConfig) -> Env:
+    """One environment with the configuration's time limit and decisions, and its own reward."""
+    return _deciding(Episode(env, config.episode_length), config)
+
+
+def vectorise(env: Env, config: PPOConfig) -> Wrapper:
+    """The environment for a training loop: with time limit, progress, decisions, automatic reset and batch axis.
 
     `reset` takes keys (B,) and `step` a batched state and actions (B, A).
     """
-    return VmapWrapper(AutoReset(Episode(env, episode_length)))
+    limited = Episode(env, config.episode_length)
+    return VmapWrapper(AutoReset(_deciding(Progress(limited) if config.progress else limited, config)))
 
 
-def stagger(state: State, key: jax.Array, episode_length: int) -> State:
+def _deciding(env: Env, config: PPOConfig) -> Env:
+    return env if config.decision_steps == 1 else Decisions(env, config.decision_steps)
+
+
+def stagger(state: State, key: jax.Array, config: PPOConfig) -> State:
     """Draws a random step count for each environment, so that a batch of new episodes does not end all at once.
 
     Meant for the first reset of a training run: its first episodes are cut short, later ones are whole.
     """
     steps = state.info["steps"]
-    drawn = jax.random.randint(key, steps.shape, 0, episode_length, dtype=steps.dtype)
-    return state.replace(info={**state.info, "steps": drawn})
+    decisions = config.episode_length // config.decision_steps
+    drawn = jax.random.randint(key, steps.shape, 0, decisions, dtype=steps.dtype)
+    return state.replace(info={**state.info, "steps": drawn * config.decision_steps})

@@ -1,8 +1,9 @@
-"""Shoes in Box as a Brax environment on MJX: open the box by the bar of its lid, put both shoes in, let go.
+"""Shoes in Box as a Brax environment: open the box by the bar of its lid, put both shoes in, let go.
 
 Action (5,) in [-1, 1]: velocity of the gripper along x, y, z (0.4 m/s), its turn about the vertical (2 rad/s), and
-the opening of the fingers (closed at -1, 8 cm at 1). The gripper points down; a step of differential inverse kinematics
-turns its pose into joint targets, 20 times a second.
+the fingers: up to -0.5 they close, from 0.5 on they open, by 4 cm at 0.5 and by 8 cm at 1; in between they keep their
+command. The gripper points down. A step of differential inverse kinematics turns its pose into joint targets, 20 times
+a second.
 
 `observation.py` describes the observation.
 
@@ -14,23 +15,39 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 from brax.envs.base import Env, State
-from mujoco import mjx
 
 from tasks.detector_noise import DetectorNoise
+from tasks.engine import Dynamics, Fields, make_engine
 from tasks.shoes_in_box import geometry, kinematics, observation
 from tasks.shoes_in_box.layouts import Layout
-from tasks.shoes_in_box.model import CONTROL_DT, FINGER_OPEN, SHOE_NAMES, Physics, build_model
+from tasks.shoes_in_box.model import CONTROL_DT, FINGER_OPEN, Physics, build_model
 from tasks.shoes_in_box.objects import OBJECTS
 from tasks.shoes_in_box.observation import observe
 from tasks.shoes_in_box.reward import environment_reward
+from tasks.shoes_in_box.starts import Mixture, Start, Starts, draw
 from tasks.shoes_in_box.state import EVENT_NAMES, PhysicsState, events, score, success
 
 SPEED, TURN_RATE = 0.4, 2.0
 # Bounds of the gripper's target, and its largest lead over the gripper per axis, in metres.
 WORKSPACE = np.array([[0.15, -0.5, 0.03], [0.72, 0.5, 0.45]], np.float32)
 LEAD = 0.04
-# Commanded opening of closed fingers; below 0, so that they press on what they hold.
-CLOSED = -0.02
+# Commanded position of each finger when closed, below 0, so that they press on what they hold; and the least open one.
+CLOSED, LEAST_OPEN = -0.02, 0.02
+
+
+def finger_target(grip: jax.Array, before: jax.Array) -> jax.Array:
+    """Commanded position of each finger for the last entry of an action and the command `before`, metres; ().
+
+    In between the command stays; otherwise a policy that still explores would drop what it holds.
+    """
+    opened = LEAST_OPEN + (FINGER_OPEN - LEAST_OPEN) * (2 * grip - 1)
+    return jnp.where(grip >= 0.5, opened, jnp.where(grip <= -0.5, CLOSED, before))
+
+
+def grip_of(finger: jax.Array) -> jax.Array:
+    """The last entry of an action for a commanded position of each finger, the inverse of `finger_target`."""
+    opened = (1 + (finger - LEAST_OPEN) / (FINGER_OPEN - LEAST_OPEN)) / 2
+    return jnp.where(finger < LEAST_OPEN, -1.0, jnp.clip(opened, 0.5, 1.0))
 
 
 class ShoesInBoxEnv(Env):
@@ -40,6 +57,11 @@ class ShoesInBoxEnv(Env):
       layout: distribution of starts.
       physics: constants.
       detector_noise: noise on boxes and mask; default: none.
+      mixture: starts of training episodes.
+      engine: name of the physics engine, see `tasks.engine`; default: the device's.
+
+    Raises:
+      ValueError: the engine is unknown or cannot run here.
     """
 
     name = "shoes_in_box"
@@ -47,6 +69,7 @@ class ShoesInBoxEnv(Env):
     event_names = EVENT_NAMES
     episode_length = 480
     frame_rate = 1 / CONTROL_DT
+    decision_steps = 4
     action_size = 5
     observation_size = observation.SIZE
     backend = "mjx"
@@ -56,29 +79,34 @@ class ShoesInBoxEnv(Env):
         layout: Layout | None = None,
         physics: Physics | None = None,
         detector_noise: DetectorNoise | None = None,
+        mixture: Mixture | None = None,
+        engine: str | None = None,
     ):
         self.layout = layout or Layout()
         self.physics = physics or Physics()
         self.detector_noise = detector_noise or DetectorNoise()
+        self.mixture = mixture or Mixture()
+        self.starts: Starts | None = None
         self.mj_model = build_model(self.physics)
-        self._model = mjx.put_model(self.mj_model)
-        self._template = mjx.make_data(self.mj_model)
+        self.engine = make_engine(engine, self.mj_model)
         self._box_body = mujoco.mj_name2id(self.mj_model, mujoco.mjtObj.mjOBJ_BODY, "box")
-        self._pads = self._geoms("left_pad", "right_pad")
-        self._uppers = self._geoms(*(f"{shoe}_upper" for shoe in SHOE_NAMES))
-
-    def _geoms(self, *names: str) -> np.ndarray:
-        return np.array([mujoco.mj_name2id(self.mj_model, mujoco.mjtObj.mjOBJ_GEOM, name) for name in names])
 
     def reset(self, rng: jax.Array) -> State:
-        layout_key, frame_key = jax.random.split(rng)
+        layout_key, frame_key, start_key, choice_key = jax.random.split(rng, 4)
         qpos, box = self.layout.sample(layout_key)
         still = jnp.zeros(self.mj_model.nv)
         arm = qpos[:7]
         frame = jax.random.bits(frame_key, dtype=jnp.uint32)
-        physics = PhysicsState(qpos, still, still, kinematics.pose(arm), arm, box, jnp.zeros(2, bool), frame)
+        finger, touched = jnp.asarray(FINGER_OPEN), jnp.zeros(2, bool)
+        physics = PhysicsState(qpos, still, still, kinematics.pose(arm), arm, finger, box, touched, frame)
+        start = Start(physics, jnp.zeros(OBJECTS.num_slots, bool))
+        if self.starts is not None:
+            later = draw(start_key, self.mixture, self.starts)
+            first = jax.random.bernoulli(choice_key, self.mixture.from_start)
+            start = jax.tree.map(lambda old, new: jnp.where(first, old, new), start, later)
         zero = jnp.zeros((), jnp.float32)
-        return State(physics, observe(physics), zero, zero, {"success": zero, "score": zero}, {})
+        metrics = {"success": zero, "score": zero}
+        return State(start.physics, observe(start.physics), zero, zero, metrics, {"active": start.active})
 
     def step(self, state: State, action: jax.Array) -> State:
         physics = self.advance(state.pipeline_state, action)
@@ -95,32 +123,24 @@ class ShoesInBoxEnv(Env):
         place = jnp.clip((state.target + step)[:3], WORKSPACE[0], WORKSPACE[1])
         target = jnp.append(here[:3] + jnp.clip(place - here[:3], -LEAD, LEAD), state.target[3] + step[3])
         arm = kinematics.approach(state.arm, target)
-        opening = CLOSED + (FINGER_OPEN - CLOSED) * (action[4] + 1) / 2
-        ctrl = jnp.concatenate([arm, jnp.stack([opening, opening])])
-        half = state.box[2] / 2
-        # Every environment has its own model, because MJX gives children of mocap bodies wrong poses.
-        model = self._model.replace(
-            body_pos=self._model.body_pos.at[self._box_body, :2].set(state.box[:2]),
-            body_quat=self._model.body_quat.at[self._box_body].set(
-                jnp.stack([jnp.cos(half), 0 * half, 0 * half, jnp.sin(half)])
-            ),
-        )
+        finger = finger_target(action[4], state.finger)
+        ctrl = jnp.concatenate([arm, jnp.stack([finger, finger])])
+        dynamics = Dynamics(state.qpos, state.qvel, state.warmstart)
+        after, readings = self.engine.step(dynamics, ctrl, self.fields(state), self.physics.substeps)
+        touched = (readings.reshape(2, 2) > 0).any(axis=1)
+        return PhysicsState(*after, target, arm, finger, state.box, touched, state.frame + 1)
 
-        def substep(carry: tuple, _: None) -> tuple:
-            qpos, qvel, warmstart, _ = carry
-            data = self._template.replace(qpos=qpos, qvel=qvel, qacc_warmstart=warmstart, ctrl=ctrl)
-            data = mjx.step(model, data)
-            return (data.qpos, data.qvel, data.qacc_warmstart, self._touched(data)), None
-
-        carry = (state.qpos, state.qvel, state.warmstart, state.touched)
-        (qpos, qvel, warmstart, touched), _ = jax.lax.scan(substep, carry, None, length=self.physics.substeps)
-        return PhysicsState(qpos, qvel, warmstart, target, arm, state.box, touched, state.frame + 1)
-
-    def _touched(self, data: mjx.Data) -> jax.Array:
-        """Which shoes a pad touches: (2,) bool."""
-        contact = data._impl.contact
-        pad = jnp.isin(contact.geom, self._pads).any(axis=1) & (contact.dist < 0)
-        return jnp.stack([jnp.any(pad & (contact.geom == upper).any(axis=1)) for upper in self._uppers])
+    def fields(self, state: PhysicsState) -> Fields:
+        """Fields of the model in one episode: the pose of the box; MJX gives children of mocap bodies wrong poses."""
+        box = state.box
+        half, zero = box[2] / 2, jnp.zeros(())
+        places = jnp.asarray(self.mj_model.body_pos, jnp.float32)
+        turns = jnp.asarray(self.mj_model.body_quat, jnp.float32)
+        turn = jnp.stack([jnp.cos(half), zero, zero, jnp.sin(half)])
+        return {
+            "body_pos": places.at[self._box_body, :2].set(box[:2]),
+            "body_quat": turns.at[self._box_body].set(turn),
+        }
 
     def boxes(self, state: State) -> tuple[jax.Array, jax.Array]:
         return self.look(state.pipeline_state)

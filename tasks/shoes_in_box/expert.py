@@ -3,7 +3,8 @@
 It does three jobs in phases: the lid, the first shoe, the second shoe. A phase defines a pose of the gripper, the
 opening of its fingers, and when it is over. In a failure a job goes wrong: that of the lid, or of the first shoe, the
 second or both. The failure then continues as if nothing had happened, or persists and does the same job wrong again.
-Failures last as long as successes, so that length alone tells nothing.
+Failures of the kinds in `exploits.py` may leave out the job of the lid, take turns with the shoes for ever, or never
+leave a phase. Failures last as long as successes, so that length alone tells nothing.
 """
 
 import math
@@ -18,7 +19,8 @@ from graphrl_jax.demonstrations import Demonstrations, reached_for_good
 from graphrl_jax.runtime import jit_physics
 from tasks.collect import collect
 from tasks.shoes_in_box import geometry, kinematics, render
-from tasks.shoes_in_box.env import CLOSED, SPEED, TURN_RATE, ShoesInBoxEnv
+from tasks.shoes_in_box.env import CLOSED, SPEED, TURN_RATE, ShoesInBoxEnv, grip_of
+from tasks.shoes_in_box.exploits import ASIDE, EXPLOITS, HALF_OPEN, HELD_HEIGHTS, LAID_HEIGHT, knock, push
 from tasks.shoes_in_box.model import CONTROL_DT, FINGER_OPEN, LID_OPEN, WALL_HEIGHT
 from tasks.shoes_in_box.state import PhysicsState, shoes, success
 from tasks.shoes_in_box.state import events as events_of
@@ -34,20 +36,26 @@ RELEASE_HEIGHT = WALL_HEIGHT - 0.02
 SLOT = 0.07
 """Distance of the shoes' centres from the box's middle, along the hinge."""
 ARC_LEAD = 0.12
-BAR_OPENING = 0.02
+BAR_OPENING = 0.022
 MISSED_BY = 0.05
 """Height above the bar or a shoe at which the fingers close in a failure, metres."""
-# Share of full speed along the lid's arc, and radians per step of the arc if the lid is missed.
-_ARC_SPEED, _SWING = 0.6, 0.045
+# Share of full speed in each phase; a faster shove throws the shoe over.
+_SPEEDS = jnp.ones(NUM_PHASES).at[LID_PHASES.index("arc")].set(0.6)
+_SWEEP_SPEEDS = jnp.array([*len(LID_PHASES) * [1.0], *2 * [1.0, 1.0, 1.0, 0.3, 0.3, 0.3, 1.0, 1.0]])
+# Radians per step of the arc if the lid is missed.
+_SWING = 0.045
 _MIDDLE_YAW = jnp.pi / 4
 TAIL_FRAMES = (10, 40)
 """Range of the number of frames after the last motion, drawn uniformly."""
 BATCH, MAX_BATCHES = 64, 8
-FAILURES = ("lid_missed", "lid_falls_shut", "shoe_missed", "shoe_dropped", "shoe_beside", "one_shoe")
+FAILURES = ("lid_missed", "lid_falls_shut", "shoe_missed", "shoe_dropped", "shoe_beside", "one_shoe", *EXPLOITS)
 """Kinds of deliberate failure: the fingers close above the bar; the lid is let go before it stands up; the fingers
 close above a shoe; a shoe is dropped on its way; it is put down beside the box; one shoe is left alone, and the gripper
-moves through the air high above it."""
+moves through the air high above it. The last ones are `EXPLOITS`."""
 _KIND = {kind: 1 + index for index, kind in enumerate(FAILURES)}
+# Kinds that leave the lid shut; of these, those whose gripper stays closed and goes from shoe to shoe for ever.
+_SHUT = ("shoes_knocked", "shoe_on_lid", "box_pushed")
+_SWEEPS = ("shoes_knocked", "box_pushed")
 
 
 class Plan(NamedTuple):
@@ -57,7 +65,8 @@ class Plan(NamedTuple):
     |----------|--------|------------------------------------------------------------------|
     | kind     | ()     | int32, 0 for a success, k for `FAILURES[k - 1]`                  |
     | wrong    | (3,)   | bool, whether the job of the lid, first and second shoe fails    |
-    | persists | ()     | bool, whether a failed job is repeated until the episode ends    |
+    | start    | ()     | int32, the first phase                                           |
+    | after    | (3,)   | int32, the phase that follows each job, P for none               |
     | first    | ()     | int32, the shoe that is fetched first                            |
     | slots    | (2,)   | where each shoe goes: metres along the hinge from the middle     |
     | speed    | ()     | share of full speed                                              |
@@ -68,7 +77,8 @@ class Plan(NamedTuple):
 
     kind: jax.Array
     wrong: jax.Array
-    persists: jax.Array
+    start: jax.Array
+    after: jax.Array
     first: jax.Array
     slots: jax.Array
     speed: jax.Array
@@ -78,26 +88,46 @@ class Plan(NamedTuple):
 
 
 class PlanState(NamedTuple):
-    """Phase (0 to P, P when done), steps spent in it, and steps spent dwelling after it; all () int32."""
+    """Progress in a plan.
+
+    | field | shape  | meaning                                                   |
+    |-------|--------|-----------------------------------------------------------|
+    | phase | ()     | int32, 0 to P, P when done                                |
+    | timer | ()     | int32, steps spent in the phase                           |
+    | dwelt | ()     | int32, steps spent dwelling after it                      |
+    | found | (2, 7) | free joints of the shoes in the first phase of this job   |
+    """
 
     phase: jax.Array
     timer: jax.Array
     dwelt: jax.Array
+    found: jax.Array
+
+
+def _is(kind: jax.Array, *names: str) -> jax.Array:
+    """Whether a kind is one of these: () bool."""
+    return jnp.isin(kind, jnp.array([_KIND[name] for name in names]))
 
 
 def draw_plan(key: jax.Array, kind: jax.Array) -> Plan:
     """A random plan of one kind."""
     order_key, cross_key, speed_key, height_key, dwell_key, slip_key, wrong_key, persist_key = jax.random.split(key, 8)
     side = jnp.array([SLOT, -SLOT])
-    # `one_shoe` leaves the first or the second shoe alone; all other failures may affect both shoes.
-    leaves_one = kind == _KIND["one_shoe"]
+    # `one_shoe` leaves the first or the second shoe alone, `shoe_held` puts the first into the box, and failures that
+    # leave the lid shut affect both shoes.
+    leaves_one, shut = kind == _KIND["one_shoe"], _is(kind, *_SHUT)
     which = jax.random.randint(wrong_key, (), 0, jnp.where(leaves_one, 2, 3))
-    lid = (kind == _KIND["lid_missed"]) | (kind == _KIND["lid_falls_shut"])
+    which = jnp.where(shut, 2, jnp.where(kind == _KIND["shoe_held"], 1, which))
+    lid = _is(kind, "lid_missed", "lid_falls_shut", "lid_half_open")
     shoe = (kind > 0) & ~lid
+    wrong = jnp.stack([lid, shoe & (which != 1), shoe & (which != 0)])
+    persists = jax.random.bernoulli(persist_key) & ~leaves_one & ~_is(kind, *EXPLOITS)
+    after = jnp.where(persists & wrong, _JOB_STARTS, _JOB_ENDS)
     return Plan(
         kind=kind,
-        wrong=jnp.stack([lid, shoe & (which != 1), shoe & (which != 0)]),
-        persists=jax.random.bernoulli(persist_key) & ~leaves_one,
+        wrong=wrong,
+        start=jnp.where(shut, _JOB_STARTS[1], 0),
+        after=after.at[2].set(jnp.where(_is(kind, *_SWEEPS), _JOB_STARTS[1], after[2])),
         first=jax.random.bernoulli(order_key).astype(jnp.int32),
         slots=jnp.where(jax.random.bernoulli(cross_key, 0.2), -side, side),
         speed=jax.random.uniform(speed_key, minval=0.8, maxval=1.0),
@@ -107,25 +137,27 @@ def draw_plan(key: jax.Array, kind: jax.Array) -> Plan:
     )
 
 
-def begin() -> PlanState:
+def begin(plan: Plan) -> PlanState:
     """The plan state at the start of an episode."""
     zero = jnp.zeros((), jnp.int32)
-    return PlanState(zero, zero, zero)
+    return PlanState(plan.start, zero, zero, jnp.zeros((2, 7)))
 
 
 def act(plan: Plan, plan_state: PlanState, state: PhysicsState) -> tuple[PlanState, jax.Array]:
     """One decision of the expert: the next plan state and an action (5,)."""
     phase = jnp.minimum(plan_state.phase, NUM_PHASES - 1)
+    found = jnp.where(jnp.isin(phase, _JOB_STARTS), shoes(state.qpos), plan_state.found)
+    plan_state = plan_state._replace(found=found)
     poses, openings, over = _phases(plan, plan_state, state)
     pose, opening = poses[phase], openings[phase]
     waiting = (plan_state.dwelt > 0) | (plan_state.phase >= NUM_PHASES)
     offset = pose - state.target
     reach = jnp.linalg.norm(offset[:3])
     pace = CONTROL_DT * SPEED
-    speed = plan.speed * jnp.where(phase == LID_PHASES.index("arc"), _ARC_SPEED, 1.0)
+    speed = plan.speed * jnp.where(_is(plan.kind, *_SWEEPS), _SWEEP_SPEEDS, _SPEEDS)[phase]
     linear = offset[:3] * jnp.minimum(1 / pace, speed / jnp.maximum(reach, 1e-6))
     turn = offset[3] / (CONTROL_DT * TURN_RATE)
-    grip = 2 * (opening - CLOSED) / (FINGER_OPEN - CLOSED) - 1
+    grip = grip_of(opening)
     motion = jnp.where(waiting, 0.0, jnp.append(linear, jnp.clip(turn, -plan.speed, plan.speed)))
     action = jnp.clip(jnp.append(motion, grip), -1.0, 1.0)
 
@@ -134,9 +166,9 @@ def act(plan: Plan, plan_state: PlanState, state: PhysicsState) -> tuple[PlanSta
     advance = dwelt > plan.dwell[phase]
     timer = jnp.where(advance, 0, plan_state.timer + 1)
     job = jnp.searchsorted(_JOB_STARTS, phase, side="right") - 1
-    again = plan.persists & plan.wrong[job] & (phase + 1 == _JOB_ENDS[job])
-    following = jnp.where(again, _JOB_STARTS[job], plan_state.phase + 1)
-    return PlanState(jnp.where(advance, following, plan_state.phase), timer, jnp.where(advance, 0, dwelt)), action
+    following = jnp.where(phase + 1 == _JOB_ENDS[job], plan.after[job], phase + 1)
+    next_phase = jnp.where(advance, following, plan_state.phase)
+    return PlanState(next_phase, timer, jnp.where(advance, 0, dwelt), found), action
 
 
 def _phases(plan: Plan, plan_state: PlanState, state: PhysicsState) -> tuple[jax.Array, jax.Array, jax.Array]:
@@ -161,19 +193,24 @@ def _reached(state: PhysicsState, pose: jax.Array, timer: jax.Array) -> jax.Arra
     return (sent & near) | (timer > 80)
 
 
+def _between(limits: tuple[float, float], share: jax.Array) -> jax.Array:
+    return limits[0] + (limits[1] - limits[0]) * share
+
+
 def _lid_phases(plan: Plan, plan_state: PlanState, state: PhysicsState) -> tuple[jax.Array, ...]:
     box, angle, timer = state.box, state.qpos[9], plan_state.timer
-    missed = plan.kind == _KIND["lid_missed"]
+    missed, half = plan.kind == _KIND["lid_missed"], plan.kind == _KIND["lid_half_open"]
     # If the bar is missed, the arc goes through the air above it and follows the timer.
     swung = jnp.where(missed, jnp.minimum(timer * _SWING, LID_OPEN), angle)
     above = jnp.zeros(3).at[2].set(jnp.where(missed, MISSED_BY, 0.0))
     bar = geometry.bar(box, angle) + above
+    stop = jnp.where(half, _between(HALF_OPEN, plan.slip[0]), LID_OPEN + 0.03)
     places = jnp.stack(
         [
             bar.at[2].add(0.1),
             bar,
             bar,
-            geometry.bar(box, jnp.minimum(swung + ARC_LEAD, LID_OPEN + 0.03)) + above,
+            geometry.bar(box, jnp.minimum(swung + ARC_LEAD, stop)) + above,
             state.target[:3],
             state.target[:3].at[2].add(0.1),
         ]
@@ -187,7 +224,7 @@ def _lid_phases(plan: Plan, plan_state: PlanState, state: PhysicsState) -> tuple
             _reached(state, poses[0], timer),
             _reached(state, poses[1], timer),
             timer >= 6,
-            (swung > let_go_at) | (timer > 120),
+            ((swung > let_go_at) | (timer > 120)) & ~half,
             timer >= 5,
             timer >= 6,
         ]
@@ -208,7 +245,10 @@ def _shoe_phases(plan: Plan, plan_state: PlanState, state: PhysicsState, last: b
     shoe_yaw, box_yaw = _turned(geometry.shoe_yaw(shoe)), _turned(box[2])
     frame, slot = geometry.box_pose(box), plan.slots[number]
     outside = frame.place(jnp.stack([-0.05, jnp.sign(slot) * 0.27, GRASP_HEIGHT + 0.01]))
-    goal = jnp.where(fails("shoe_beside"), outside, frame.place(jnp.stack([0.0, slot, RELEASE_HEIGHT])))
+    held, knocked, pushed = fails("shoe_held"), fails("shoes_knocked"), fails("box_pushed")
+    height = jnp.where(held, _between(HELD_HEIGHTS, plan.slip[0]), RELEASE_HEIGHT)
+    height = jnp.where(fails("shoe_on_lid"), LAID_HEIGHT, height)
+    goal = jnp.where(fails("shoe_beside"), outside, frame.place(jnp.stack([0.0, slot, height])))
 
     def at(place: jax.Array, height: jax.Array | float, yaw: jax.Array) -> jax.Array:
         return jnp.concatenate([place[:2], jnp.stack([jnp.asarray(height, jnp.float32), yaw])])
@@ -225,17 +265,25 @@ def _shoe_phases(plan: Plan, plan_state: PlanState, state: PhysicsState, last: b
             at(goal, high, box_yaw),
         ]
     )
+    sweeps, here = knocked | pushed, state.target[:3]
+    swept = jnp.where(
+        knocked,
+        knock(plan_state.found[number], box, here, high, _between(ASIDE, plan.slip[0])),
+        push(number, box, here, high, jnp.sign(slot)),
+    )
+    yaw = jnp.where(knocked, box_yaw, _turned(box[2] + jnp.pi / 2))
+    poses = jnp.where(sweeps, jnp.concatenate([swept, jnp.full((len(swept), 1), yaw)], axis=1), poses)
     near = jnp.linalg.norm(state.target[:2] - goal[:2]) < 0.14 + 0.1 * plan.slip[1]
     carried = jnp.where(fails("shoe_dropped") & near, FINGER_OPEN, CLOSED)
     open_, closed = FINGER_OPEN, CLOSED
     openings = jnp.array([open_, open_, closed, closed, 0.0, 0.0, open_, open_]).at[4:6].set(carried)
+    openings = jnp.where(sweeps, closed, openings)
     reached = jax.vmap(_reached, in_axes=(None, 0, None))(state, poses, timer)
-    return poses, openings, reached.at[2].set(timer >= 6).at[6].set(timer >= 5)
+    return poses, openings, reached.at[2].set(timer >= 6).at[5].set(reached[5] & ~held).at[6].set(timer >= 5)
 
 
-@partial(jit_physics, static_argnums=0)
-def rollouts(task: ShoesInBoxEnv, key: jax.Array, kinds: jax.Array) -> tuple[PhysicsState, jax.Array]:
-    """Runs one episode of each kind in `kinds` (B,) side by side.
+def episodes(task: ShoesInBoxEnv, key: jax.Array, kinds: jax.Array) -> tuple[PhysicsState, jax.Array]:
+    """Runs one episode of each kind in `kinds` (B,) side by side; not compiled.
 
     Returns:
       The physics state of every frame, leaves (B, T + 1, ...), and the number of frames in which each plan was busy
@@ -245,7 +293,7 @@ def rollouts(task: ShoesInBoxEnv, key: jax.Array, kinds: jax.Array) -> tuple[Phy
     batch = kinds.shape[0]
     physics = jax.vmap(lambda key: task.reset(key).pipeline_state)(jax.random.split(reset_key, batch))
     plans = jax.vmap(draw_plan)(jax.random.split(plan_key, batch), kinds)
-    plan_state = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch,)), begin())
+    plan_state = jax.vmap(begin)(plans)
 
     def step(carry: tuple, _: None) -> tuple:
         physics, plan_state = carry
@@ -256,6 +304,10 @@ def rollouts(task: ShoesInBoxEnv, key: jax.Array, kinds: jax.Array) -> tuple[Phy
     _, (states, busy) = jax.lax.scan(step, (physics, plan_state), length=task.episode_length)
     frames = jax.tree.map(lambda first, rest: jnp.concatenate([first[None], rest]).swapaxes(0, 1), physics, states)
     return frames, jnp.sum(busy, axis=0, dtype=jnp.int32)
+
+
+rollouts = jit_physics(episodes, static_argnums=0)
+"""`episodes`, compiled. Inside another compiled program use `episodes`: it sets no compiler options."""
 
 
 def demonstrate(

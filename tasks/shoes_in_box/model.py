@@ -207,6 +207,15 @@ def _contact_pairs(physics: Physics) -> str:
     )
 
 
+def _touches() -> str:
+    """Sensors of the contacts between pads and shoes: left and right pad with the first shoe, then with the second."""
+    return "".join(
+        f'<contact name="{side}_pad_{shoe}" geom1="{side}_pad" geom2="{shoe}_upper" data="found"/>'
+        for shoe in SHOE_NAMES
+        for side in ("left", "right")
+    )
+
+
 def camera_axes() -> tuple[tuple[float, ...], ...]:
     """The camera's right, up and backward directions in the world."""
     backward = _unit([c - t for c, t in zip(CAMERA, LOOK_AT, strict=True)])
@@ -261,9 +270,10 @@ def scene_xml(physics: Physics) -> str:
   </worldbody>
   <contact>{_contact_pairs(physics)}</contact>
   <actuator>{servos}{grips}</actuator>
+  <sensor>{_touches()}</sensor>
 </mujoco>"""
 
 
 def build_model(physics: Physics) -> mujoco.MjModel:
-    """The compiled MuJoCo model of the scene, the input of `mjx.put_model`."""
+    """The compiled MuJoCo model of the scene, the input of an engine."""
     return mujoco.MjModel.from_xml_string(scene_xml(physics))

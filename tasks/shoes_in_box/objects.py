@@ -9,4 +9,5 @@ OBJECTS = ObjectTable(
     is_robot=(True, False, False, False, False),
     class_names=("gripper", "box", "lid", "shoe"),
     is_fixture=(False, True, False, False, False),
+    is_articulated=(False, False, True, False, False),
 )

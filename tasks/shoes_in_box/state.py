@@ -13,7 +13,7 @@ EVENT_NAMES = ("lid_open", "shoe_1_placed", "shoe_2_placed")
 
 
 class PhysicsState(NamedTuple):
-    """State kept between steps; the rest of `mjx.Data` is rebuilt from a template.
+    """State kept between steps; the rest of the simulation follows from it.
 
     | field     | shape  | dtype   | meaning                                                                    |
     |-----------|--------|---------|----------------------------------------------------------------------------|
@@ -22,6 +22,7 @@ class PhysicsState(NamedTuple):
     | warmstart | (22,)  | float32 | accelerations the solver starts from                                       |
     | target    | (4,)   | float32 | target of the gripper: x, y, z, yaw                                        |
     | arm       | (7,)   | float32 | joint targets of the arm, which follow `target`                            |
+    | finger    | ()     | float32 | commanded position of each finger                                          |
     | box       | (3,)   | float32 | x, y, yaw of the box                                                       |
     | touched   | (2,)   | bool    | a pad touches the shoe                                                     |
     | frame     | ()     | uint32  | seed of the detector noise in this frame; it grows by one per frame        |
@@ -32,6 +33,7 @@ class PhysicsState(NamedTuple):
     warmstart: jax.Array
     target: jax.Array
     arm: jax.Array
+    finger: jax.Array
     box: jax.Array
     touched: jax.Array
     frame: jax.Array

@@ -17,6 +17,7 @@ from graphrl_jax.graph import build_graph
 from graphrl_jax.registry import make_task
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.storage import StorageError
+from tasks.engine import default_engine
 
 CHECKPOINTS = Path(__file__).parents[2] / "checkpoints"
 RELEASED = sorted(CHECKPOINTS.iterdir())
@@ -32,6 +33,11 @@ def test_a_released_run_loads_and_is_small(folder):
     assert trained.task.name == "match_regions"
     assert f"{trained.settings.task}_{trained.settings.reward}" == folder.name
     assert sum(file.stat().st_size for file in folder.rglob("*")) < 2e6
+
+
+def test_a_run_is_loaded_with_any_engine():
+    names = [load_run(RELEASED[0], engine).task.engine.name for engine in ("mjx", "mujoco", None)]
+    assert names == ["mjx", "mujoco", default_engine()]
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,13 @@ import pytest
 from graphrl_jax.encoder import pixels
 from graphrl_jax.encoder.config import PixelConfig
 from graphrl_jax.encoder.pooling import PoolingParams
-from graphrl_jax.experiment.environments import environment_of, image_drawer, refuse_undrawn
+from graphrl_jax.experiment.environments import (
+    TrainingParams,
+    environment_of,
+    image_drawer,
+    refuse_undrawn,
+    training_environment_of,
+)
 from graphrl_jax.experiment.methods import METHODS
 from graphrl_jax.registry import make_task
 from graphrl_jax.reward.landscape import audit
@@ -23,8 +29,17 @@ def test_a_task_and_reward_have_one_function_that_programs_are_known_by():
     task, other = SlidingBoxes(), SlidingBoxes()
     assert environment_of(task, "env") is environment_of(task, "env")
     assert environment_of(task, "env") is not environment_of(other, "env")
-    env = environment_of(task, "env")(jnp.float32(0.02))
+    env = environment_of(task, "env")(PoolingParams())
     assert type(env) is WRAPPERS["nothing"] and env.env is task
+
+
+def test_a_training_environment_has_the_tasks_starts_and_is_known_by_one_function_too():
+    task, starts = make_task("shoes_in_box"), jnp.zeros(3)
+    make_env = training_environment_of(task, "env")
+    assert make_env is training_environment_of(task, "env") and make_env is not environment_of(task, "env")
+    env = make_env(TrainingParams(PoolingParams(tau=0.5), starts))
+    assert type(env) is WRAPPERS["nothing"] and env.pooling.tau == 0.5
+    assert env.env.starts is starts and task.starts is None and env.env.engine is task.engine
 
 
 @pytest.mark.parametrize("reward", METHODS)
@@ -54,7 +69,7 @@ def image_reward(carry):
 @pytest.mark.parametrize("reward", METHODS)
 def test_an_environment_pays_what_its_method_needs(carry, image_reward, reward):
     needs = METHODS[reward].needs
-    env = environment_of(carry, reward)(0.1 if needs == "nothing" else image_reward)
+    env = environment_of(carry, reward)(PoolingParams() if needs == "nothing" else image_reward)
     assert type(env) is WRAPPERS[needs] and env.env is carry
 
 

@@ -5,12 +5,14 @@ import shutil
 import signal
 import subprocess
 import sys
+from dataclasses import replace
 
 import jax
 import numpy as np
 import pytest
 
 from graphrl_jax import cli
+from graphrl_jax.demonstrations import DemonstrationError
 from graphrl_jax.experiment import experiment
 from graphrl_jax.experiment.settings import compose
 from graphrl_jax.registry import make_task
@@ -95,6 +97,26 @@ def test_demonstrations_that_went_astray_are_made_again(finished, tmp_path):
     expected, found = arrays(finished / "demonstrations.npz"), arrays(out / "demonstrations.npz")
     for name, array in expected.items():
         np.testing.assert_array_equal(found[name], array, err_msg=name)
+
+
+def test_episodes_that_are_no_whole_decisions_are_refused_at_once():
+    task = make_task("carry")
+    experiment.refuse_impossible(task, compose(task, preset="smoke", ppo={"decision_steps": 6}))
+    settings = compose(task, preset="smoke", ppo={"decision_steps": 7, "episode_length": 14})
+    with pytest.raises(ValueError, match="decision_steps is 7; allowed: divisors of the 30 steps of carry's episodes"):
+        experiment.refuse_impossible(task, settings)
+
+
+@pytest.mark.parametrize("field", ["names", "is_articulated"])
+def test_demonstrations_of_other_objects_are_refused_by_the_field_that_differs(tmp_path, field):
+    task = make_task("carry")
+    values = {"names": ("region", "robot", "brick"), "is_articulated": (False, False, True)}[field]
+    demos = task.demonstrate(jax.random.key(0), 2)
+    replace(demos, objects=replace(demos.objects, **{field: values})).save(tmp_path / "demos.npz")
+    expected = getattr(task.objects, field)
+    with pytest.raises(DemonstrationError) as refused:
+        experiment.load_demonstrations(tmp_path / "demos.npz", task)
+    assert f"demos.npz: {field} is {values}, but task carry has {expected}" in str(refused.value)
 
 
 def test_environments_that_devices_cannot_share_are_refused_at_once(monkeypatch):

@@ -9,6 +9,7 @@ from graphrl_jax.experiment.keys import RunStage, stage_key
 def test_the_numbers_of_stages_never_change():
     assert {stage.name: int(stage) for stage in RunStage} == {
         "DEMONSTRATIONS": 0, "PRETRAIN": 1, "LANDSCAPE": 2, "POLICY": 3, "EVALUATION": 4, "RECORDING": 5, "GOAL": 6,
+        "STARTS": 7,
     }  # fmt: skip
 
 

@@ -1,14 +1,19 @@
 """Settings: what goes over what, and that JSON keeps all of them."""
 
+import copy
 import json
 import math
+from dataclasses import asdict, replace
 
 import pytest
 
-from graphrl_jax.experiment.methods import METHODS
+from graphrl_jax.experiment.methods import ABLATIONS, METHODS
 from graphrl_jax.experiment.presets import PRESETS
 from graphrl_jax.experiment.settings import as_json, compose, from_json
+from graphrl_jax.pretrain.config import PretrainHyper
 from graphrl_jax.registry import make_task
+from graphrl_jax.rl.config import PPOHyper
+from graphrl_jax.task import TrainingSize
 
 pytestmark = pytest.mark.usefixtures("outside_package")
 
@@ -28,14 +33,21 @@ def test_settings_say_what_is_left_out(carry):
     assert (ablated.alpha, ablated.reconstruction_weight, ablated.suppress_robot) == (1, 0, 1)
     assert compose(carry, "graphirl").pretrain_config.encoder.kind == "interaction"
     assert not compose(carry, ablations=("edges",)).pretrain_config.encoder.edges
-    assert not compose(carry, ablations=("persistence",)).pretrain_config.persistent
+    for ablation, rule in (("edges", "displacement"), ("displacement", "frame_motion"), ("persistence", "momentary")):
+        settings = compose(carry, ablations=(ablation,))
+        assert settings.pretrain_config.activity == rule
+        assert settings.pretrain.tau == (PretrainHyper().tau if rule == "displacement" else 0.02)
+    with pytest.raises(ValueError, match="ablations persistence, displacement each set the rule of activity"):
+        compose(carry, ablations=("persistence", "edges", "displacement"))
     assert compose(carry, pretrain={"tcc_loss": "classification"}).pretrain_config.tcc_loss == "classification"
-    with pytest.raises(ValueError, match="'robot'; known ablations: reconstruction, activity, persistence, edges"):
+    with pytest.raises(ValueError, match=f"'robot'; known ablations: {', '.join(ABLATIONS)}$"):
         compose(carry, ablations=("robot",))
     with pytest.raises(ValueError, match="ablation 'edges' changes nothing about reward 'graphirl'"):
         compose(carry, "graphirl", ablations=("edges",))
     with pytest.raises(ValueError, match="tcc_loss is 'x'; allowed: regression_mse"):
         compose(carry, pretrain={"tcc_loss": "x"})
+    with pytest.raises(ValueError, match="activity is 'x'; allowed: displacement, frame_motion, momentary"):
+        compose(carry, pretrain={"activity": "x"})
 
 
 def test_what_is_asked_for_goes_over_the_method_over_the_task_over_the_preset():
@@ -43,22 +55,72 @@ def test_what_is_asked_for_goes_over_the_method_over_the_task_over_the_preset():
     assert compose(shoes, "graph").pretrain.robot_messages == 0.0  # the task's
     assert compose(shoes, "graph_with_robot").pretrain.robot_messages == 1.0  # the method's
     asked = {"robot_messages": 0.5, "num_frames": 11}
-    settings = compose(shoes, "graph_with_robot", "smoke", pretrain=asked, ppo={"episode_length": 7, "clip": 0.1})
-    assert (settings.pretrain.robot_messages, settings.pretrain.rearranged) == (0.5, 0.0)
+    settings = compose(shoes, "graph_with_robot", "smoke", pretrain=asked, ppo={"episode_length": 8, "clip": 0.1})
+    assert (settings.pretrain.robot_messages, settings.pretrain.approach) == (0.5, shoes.pretrain_overrides["approach"])
     assert (settings.pretrain_config.num_frames, settings.pretrain_config.steps) == (11, 40)
-    assert (settings.ppo_config.episode_length, settings.ppo.clip, settings.ppo.decay_updates) == (7, 0.1, 4.0)
+    assert (settings.ppo_config.episode_length, settings.ppo.clip, settings.ppo.decay_updates) == (8, 0.1, 4.0)
     assert compose(shoes, preset="smoke").ppo_config.episode_length == shoes.episode_length
     assert compose(shoes, updates=9).ppo.decay_updates == 9.0
     assert compose(shoes, updates=9, ppo={"decay_updates": 5.0}).ppo.decay_updates == 5.0
 
 
+def with_sizes(task, **sizes: TrainingSize):
+    """A copy of the task that sets sizes of policy training by preset."""
+    other = copy.copy(task)
+    other.training_sizes = sizes
+    return other
+
+
+def test_a_task_sets_the_size_of_its_training_by_preset(carry):
+    ppo = {"num_envs": 48, "episode_length": 10, "progress": True, "discount": 0.9}
+    task = with_sizes(carry, cpu=TrainingSize(7, ppo))
+    settings, usual = compose(task, preset="cpu"), compose(carry, preset="cpu")
+    assert (settings.updates, settings.ppo.decay_updates, settings.ppo.discount) == (7, 7.0, 0.9)
+    expected = {name: value for name, value in ppo.items() if name != "discount"}
+    assert settings.ppo_config == replace(usual.ppo_config, **expected)
+    assert settings.ppo == replace(usual.ppo, discount=0.9, decay_updates=7.0)
+    assert settings.pretrain_config == usual.pretrain_config and settings.episodes == usual.episodes
+    # What is asked for goes over it, and other presets know nothing of it.
+    asked = compose(task, preset="cpu", updates=3, ppo={"num_envs": 16, "discount": 0.5, "progress": False})
+    assert (asked.updates, asked.ppo.decay_updates, asked.ppo.discount) == (3, 3.0, 0.5)
+    assert (asked.ppo_config.num_envs, asked.ppo_config.episode_length) == (16, 10) and not asked.ppo_config.progress
+    for preset in ("smoke", "gpu"):
+        assert compose(task, preset=preset) == compose(carry, preset=preset)
+    fixed = with_sizes(carry, cpu=TrainingSize(7, {"decay_updates": 70.0}))
+    assert compose(fixed).ppo.decay_updates == compose(fixed, updates=3).ppo.decay_updates == 70.0
+    with pytest.raises(ValueError, match="unknown field ppo.num_env; known fields: learning_rate, "):
+        compose(with_sizes(carry, cpu=TrainingSize(7, {"num_env": 48})))
+
+
+def test_shoes_in_box_trains_longer_than_a_preset_says_but_not_in_a_smoke_run():
+    shoes = make_task("shoes_in_box")
+    for preset, size in shoes.training_sizes.items():
+        settings = compose(shoes, preset=preset)
+        chosen = asdict(settings.ppo_config) | asdict(settings.ppo)
+        assert settings.updates == size.updates and size.ppo.items() <= chosen.items()
+        assert settings.ppo_config.decision_steps == shoes.decision_steps
+        assert settings.ppo_config.episode_length < shoes.episode_length
+    smoke = compose(shoes, preset="smoke")
+    assert set(shoes.training_sizes) == {"cpu", "gpu"}
+    sizes = {"episode_length": shoes.episode_length, "decision_steps": shoes.decision_steps}
+    assert smoke.ppo_config == replace(PRESETS["smoke"].ppo_config, **sizes)
+    assert smoke.ppo == PPOHyper(decay_updates=float(PRESETS["smoke"].updates))
+
+
+def test_episodes_have_to_be_whole_decisions():
+    with pytest.raises(ValueError, match=r"episode_length is 7; allowed: a multiple of decision_steps \(4\)"):
+        compose(make_task("shoes_in_box"), ppo={"episode_length": 7})
+
+
 @pytest.mark.parametrize("preset", PRESETS)
 @pytest.mark.parametrize("reward", METHODS)
 def test_json_gives_back_the_same_settings(carry, reward, preset):
-    ablations, asked = METHODS[reward].ablations[:1], {"tau": 0.125, "steps": 17}
+    ablations, asked = METHODS[reward].ablations[:1], {"temperature": 0.125, "steps": 17}
     if METHODS[reward].encoder is None:
-        asked.pop("steps")
-    settings = compose(carry, reward, preset, 3, "demos.npz", ablations, 12, asked, {"clip": 0.3, "num_envs": 512})
+        asked = {"tau": 0.125}
+    ppo = {"clip": 0.3, "num_envs": 512}
+    settings = compose(carry, reward, preset, 3, "demos.npz", ablations, 12, "mjx", asked, ppo)
+    assert settings.engine == "mjx"
     assert from_json(json.loads(json.dumps(as_json(settings)))) == settings
     assert hash(from_json(json.loads(json.dumps(as_json(settings)))).ppo_config) == hash(settings.ppo_config)
 
@@ -112,9 +174,10 @@ def test_a_value_that_is_not_allowed_is_an_error_that_names_it(carry, asked, mes
         ("seed", True, "int"),
         ("updates", 1.5, "int"),
         ("demos", 3, "str or NoneType"),
+        ("engine", 3, "str or NoneType"),
         ("preset", "nonsense", "smoke, cpu, gpu"),
         ("pretrain.alpha", "2", "float"),
-        ("pretrain_config.persistent", 1, "bool"),
+        ("pretrain_config.activity", True, "str"),
         ("pretrain_config.encoder.kind", 0, "str"),
         ("ppo_config.policy_hidden", [8.5], "int"),
         ("ppo_config.policy_hidden", "8", "a list"),

@@ -62,6 +62,8 @@ def test_members_are_every_combination_with_every_seed(tmp_path):
         carry, "graph", "smoke", 3, updates=2, pretrain={"alpha": 4.0, **sizes}, ppo={"num_envs": 8, "clip": 0.1}
     )
     assert members[2].settings == alone
+    engines = {member.settings.engine for member in plan(tmp_path, carry, VALUES, (3,), {}, {}, engine="mjx")}
+    assert (members[0].settings.engine, engines) == (None, {"mjx"})
     with pytest.raises(ValueError, match="a sweep has 0 seeds; allowed: 1 or more"):
         plan(tmp_path, carry, VALUES, (), {}, {})
 

@@ -1,12 +1,19 @@
-"""Episodes of a policy on the probe, whose returns are known."""
+"""Episodes of a policy on the probe, whose returns are known, and frames of episodes of sliding boxes."""
 
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
+import pytest
+from brax.envs.base import State
 
+from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.rl import ppo
-from graphrl_jax.rl.rollout import evaluate
+from graphrl_jax.rl.config import PPOConfig
+from graphrl_jax.rl.rollout import evaluate, record
+from graphrl_jax.rl.wrappers import EnvironmentReward
+from tests.helpers.probe_environments import SlidingBoxes
 from tests.helpers.probe_training import ACTION_PROBE, CONFIG, make_env, trained
 
 
@@ -19,3 +26,61 @@ def test_evaluation_reports_every_episode():
     np.testing.assert_array_equal(outcomes["success"], 1.0)
     # The policy is deterministic and x is constant, so each of the three steps errs by the same amount.
     np.testing.assert_allclose(outcomes["episode_return"], -3.0 * np.log(outcomes["score"]) ** 2, atol=1e-2)
+
+
+def success_and_failure(state: State) -> jax.Array:
+    """Two events of the probe: that it succeeds, and that it fails."""
+    return jnp.array([True, False]) == (state.metrics["success"] > 0)
+
+
+def test_evaluation_reports_the_events_that_hold_at_the_end():
+    state, _ = trained(ACTION_PROBE)
+    inputs = CONFIG, make_env, ppo.as_float32(ACTION_PROBE), ppo.policy_params(state), jax.random.key(3)
+    found = evaluate(*inputs, num_episodes=50, events=success_and_failure)
+    assert found.keys() == {*ppo.OUTCOMES, "events"}
+    np.testing.assert_array_equal(found["events"][:, 0], found["success"] > 0)
+    np.testing.assert_array_equal(found["events"][:, 1], found["success"] == 0)
+
+
+def test_how_seldom_a_policy_decides_is_all_the_same_if_it_sees_no_change():
+    state, _ = trained(ACTION_PROBE)
+    reward = ppo.as_float32(replace(ACTION_PROBE, length=4.0))
+    outcomes = [
+        evaluate(config, make_env, reward, ppo.policy_params(state), jax.random.key(3), num_episodes=50)
+        for config in (CONFIG, replace(CONFIG, decision_steps=2, progress=True))
+    ]
+    for name in ppo.OUTCOMES:
+        np.testing.assert_allclose(outcomes[1][name], outcomes[0][name], rtol=1e-5, err_msg=name)
+
+
+class Sliding(SlidingBoxes):
+    """The sliding boxes with what a recording needs of a task; the event is the success."""
+
+    episode_length = 12
+
+    def events(self, state: State) -> jax.Array:
+        return state.metrics["success"][None] > 0
+
+
+@pytest.mark.parametrize("steps", [1, 4])
+def test_a_recording_has_every_control_step_and_one_action_per_decision(steps):
+    task = Sliding()
+    config = PPOConfig(num_envs=4, num_minibatches=1, episode_length=12, decision_steps=steps, policy_hidden=(8,))
+
+    def pays(pooling: PoolingParams) -> EnvironmentReward:
+        return EnvironmentReward(task, pooling)
+
+    pooling = ppo.as_float32(PoolingParams())
+    normalizer, policy = ppo.policy_params(ppo.init_jit(config, pays, pooling, jax.random.key(0)))
+    # A policy that acts boldly, and differently from place to place.
+    policy = jax.tree.map(lambda leaf: 30.0 * leaf, policy)
+    found = record(task, config, pays, pooling, (normalizer, policy), jax.random.key(1), 5)
+    places, ages = found.states
+    np.testing.assert_array_equal(ages, np.broadcast_to(np.arange(1, 13), (5, 12)))
+    assert found.boxes.shape == (5, 12, 3, 4) and found.events.shape == (5, 1)
+    np.testing.assert_array_equal(found.boxes[:, :, 0, 0], places[:, :, 0])
+    np.testing.assert_array_equal(found.rewards, places[:, :, 0])
+    ways = np.diff(places[:, :, 0], axis=1)
+    changes = np.abs(np.diff(ways, axis=1)) > 1e-6  # of the action, after the control steps 2 to 11
+    between = np.arange(2, 12) % steps != 0
+    assert not changes[:, between].any() and changes[:, ~between].any(axis=0).all()

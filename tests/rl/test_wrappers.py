@@ -1,5 +1,6 @@
 """Wrappers on the sliding boxes, whose every number can be told by hand."""
 
+from dataclasses import replace
 from functools import cache, partial
 
 import jax
@@ -9,26 +10,41 @@ import pytest
 from brax.envs.base import State
 
 from graphrl_jax.encoder.pooling import PoolingParams
-from graphrl_jax.rl.wrappers import AutoReset, EnvironmentReward, Episode, GraphReward, stagger, vectorise
+from graphrl_jax.rl.config import PPOConfig
+from graphrl_jax.rl.wrappers import (
+    AutoReset,
+    Decisions,
+    EnvironmentReward,
+    Episode,
+    GraphReward,
+    episodic,
+    stagger,
+    vectorise,
+)
 from graphrl_jax.runtime import jit_physics
 from tests.helpers.probe_environments import CountingModel, SlidingBoxes
 
 EPISODE_LENGTH = 4
 NUM_ENVS = 3
-TAU = 0.5  # of a diagonal of 0.141: a step of 0.1 counts as motion, one of 0.05 does not
-MODEL = CountingModel(jnp.float32(2.0), PoolingParams(1.0, 1.0, 0.0, jnp.float32(TAU)))
+CONFIG = PPOConfig(num_envs=NUM_ENVS, num_minibatches=1, episode_length=EPISODE_LENGTH)
+TAU = 0.5  # of a diagonal of 0.141: a way of 0.1 counts as motion, one of 0.05 does not
+POOLING = PoolingParams(1.0, 1.0, 0.0, jnp.float32(TAU))
+MODEL = CountingModel(jnp.float32(2.0), POOLING)
 
 
 @cache
-def rollout(reward: str, ends_by_itself_after: int = 1000) -> State:
-    """States (T, B, ...) of 11 steps, the reset first. Environment 0 stays, 1 creeps (0.05 a step), 2 strides (0.1)."""
-    return jax.tree.map(np.asarray, run(reward, ends_by_itself_after, jax.random.key(0)))
+def rollout(reward: str, ends_by_itself_after: int = 1000, config: PPOConfig = CONFIG) -> State:
+    """States (T, B, ...): the reset, 11 decisions. Environment 0 stays, 1 creeps (0.05 a step), 2 strides (0.1)."""
+    return jax.tree.map(np.asarray, run(reward, config, ends_by_itself_after, jax.random.key(0)))
 
 
-@partial(jit_physics, static_argnums=0)
-def run(reward: str, ends_by_itself_after: jax.Array, key: jax.Array) -> State:
-    task = SlidingBoxes(ends_by_itself_after)
-    env = vectorise(GraphReward(task, MODEL) if reward == "graph" else EnvironmentReward(task, TAU), EPISODE_LENGTH)
+def paid(task: SlidingBoxes, reward: str) -> EnvironmentReward:
+    return GraphReward(task, MODEL) if reward == "graph" else EnvironmentReward(task, POOLING)
+
+
+@partial(jit_physics, static_argnums=(0, 1))
+def run(reward: str, config: PPOConfig, ends_by_itself_after: jax.Array, key: jax.Array) -> State:
+    env = vectorise(paid(SlidingBoxes(ends_by_itself_after), reward), config)
     actions = jnp.array([[0.0], [0.5], [1.0]])
     first = env.reset(jax.random.split(key, NUM_ENVS))
 
@@ -55,15 +71,33 @@ def test_observation_is_the_tasks_followed_by_the_activity_flags():
 
 def test_only_motion_beyond_tau_counts_and_it_persists():
     active = rollout("graph").info["active"]
-    assert not active[:, :2].any()
+    assert not active[:, 0].any() and not active[:, :, 1:].any()
+    np.testing.assert_array_equal(active[:4, 1, 0], [False, False, True, True])
     np.testing.assert_array_equal(active[:4, 2, 0], [False, True, True, True])
-    assert not active[:, :, 1:].any()
 
 
 def test_activity_does_not_leak_into_the_next_episode():
-    states = rollout("graph")
+    info = rollout("graph").info
     # Resets fall on steps 4 and 8; the jump from the old episode's last place to the new one's first is no motion.
-    np.testing.assert_array_equal(states.info["active"][:, 2, 0], [0, 1, 1, 1, 0, 1, 1, 1, 0, 1, 1, 1])
+    np.testing.assert_array_equal(info["active"][:, 2, 0], [0, 1, 1, 1, 0, 1, 1, 1, 0, 1, 1, 1])
+    for first in (0, 4, 8):
+        expected = np.broadcast_to(info["boxes"][first], info["boxes"][first : first + 4].shape)
+        np.testing.assert_array_equal(info["reference_boxes"][first : first + 4], expected)
+
+
+def test_the_rule_of_activity_is_the_poolings():
+    @partial(jit_physics, static_argnums=0)
+    def flags(rule: str) -> jax.Array:
+        env = EnvironmentReward(SlidingBoxes(), replace(POOLING, activity=rule))
+        state, found = env.reset(jax.random.key(0)), []
+        for action in (0.5, 0.5, 1.0, 0.0):
+            state = env.step(state, jnp.array([action]))
+            found.append(state.info["active"][0])
+        return jnp.stack(found)
+
+    np.testing.assert_array_equal(flags("displacement"), [False, True, True, True])
+    np.testing.assert_array_equal(flags("frame_motion"), [False, False, True, True])
+    np.testing.assert_array_equal(flags("momentary"), [False, False, True, False])
 
 
 def test_info_is_the_new_episodes_after_a_reset():
@@ -121,17 +155,121 @@ def test_truncation_means_that_only_the_time_limit_ended_the_episode(ends_by_its
     assert (states.info["truncation"][length + 1] == 0).all()
 
 
-def test_staggered_starts_spread_over_the_episode():
+@pytest.mark.parametrize("reward", ["graph", "environment"])
+def test_progress_pays_what_the_reward_has_gained_since_the_last_step(reward):
+    plain, states = rollout(reward), rollout(reward, config=replace(CONFIG, progress=True))
+    expected = np.diff(plain.reward, axis=0, prepend=0.0)
+    # The first step of an episode pays nothing: its reward is not compared with the last episode's.
+    expected[[0, 1, 5, 9]] = 0.0
+    np.testing.assert_allclose(states.reward, expected, atol=1e-5)
+    for first, last in ((1, 4), (5, 8)):
+        gained = plain.reward[last] - plain.reward[first]
+        np.testing.assert_allclose(states.reward[first : last + 1].sum(0), gained, atol=1e-5)
+    assert np.ptp(plain.reward[1:5], axis=0).max() > 0.2
+    np.testing.assert_array_equal(states.info["first"][:, 0], [1, 0, 0, 0] * 3)
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_progress_changes_nothing_but_what_is_paid(steps):
+    config = replace(CONFIG, decision_steps=steps)
+    plain, states = rollout("graph", config=config), rollout("graph", config=replace(config, progress=True))
+    np.testing.assert_array_equal(states.obs, plain.obs)
+    np.testing.assert_array_equal(states.done, plain.done)
+    for name, values in plain.metrics.items():  # the return of the plain reward among them
+        np.testing.assert_array_equal(states.metrics[name], values, err_msg=name)
+    for name, values in plain.info.items():
+        jax.tree.map(np.testing.assert_array_equal, states.info[name], values)
+
+
+@pytest.mark.parametrize("progress", [False, True])
+@pytest.mark.parametrize("steps", [2, 4])
+def test_a_decision_is_paid_what_its_control_steps_are(steps, progress):
+    config = replace(CONFIG, progress=progress)
+    each, states = rollout("graph", config=config), rollout("graph", config=replace(config, decision_steps=steps))
+    # The first episode: later ones start elsewhere, because there are fewer resets to draw a key for.
+    decisions = EPISODE_LENGTH // steps
+    summed = each.reward[1 : 1 + EPISODE_LENGTH].reshape(decisions, steps, NUM_ENVS).sum(1)
+    np.testing.assert_allclose(states.reward[1 : decisions + 1], summed, atol=1e-4)
+    np.testing.assert_array_equal(states.obs[:decisions], each.obs[:EPISODE_LENGTH:steps])
+    np.testing.assert_array_equal(states.done[: decisions + 1], each.done[: EPISODE_LENGTH + 1 : steps])
+
+
+EPISODE = 12
+DECISIONS = [[0.5], [1.0], [-0.3]]
+
+
+@partial(jit_physics, static_argnums=0)
+def decided(reward: str, ends_by_itself_after: jax.Array, key: jax.Array) -> list[State]:
+    """States after the reset and after each of `DECISIONS`, of four control steps each."""
+    config = replace(CONFIG, episode_length=EPISODE, decision_steps=4)
+    env = episodic(paid(SlidingBoxes(ends_by_itself_after), reward), config)
+    states = [env.reset(key)]
+    for action in jnp.array(DECISIONS):
+        states.append(env.step(states[-1], action))
+    return states
+
+
+@partial(jit_physics, static_argnums=0)
+def controlled(reward: str, ends_by_itself_after: jax.Array, key: jax.Array) -> list[State]:
+    """States after the reset and after each control step, with each of `DECISIONS` held for four."""
+    env = Episode(paid(SlidingBoxes(ends_by_itself_after), reward), EPISODE)
+
+    def step(state: State, action: jax.Array) -> tuple[State, State]:
+        state = env.step(state, action)
+        return state, state
+
+    first = env.reset(key)
+    _, rest = jax.lax.scan(step, first, jnp.repeat(jnp.array(DECISIONS), 4, axis=0))
+    return jax.tree.map(lambda one, more: jnp.concatenate([one[None], more]), first, rest)
+
+
+@pytest.mark.parametrize("reward", ["graph", "environment"])
+def test_a_decision_is_control_steps_with_the_action_held(reward):
+    key = jax.random.key(4)
+    states, each = decided(reward, 1000, key), controlled(reward, 1000, key)
+    for number, state in enumerate(states):
+        by_hand = jax.tree.map(lambda leaf, at=4 * number: leaf[at], each)
+        earned = each.reward[4 * number - 3 : 4 * number + 1].sum() if number else 0.0
+        np.testing.assert_allclose(state.reward, earned, rtol=1e-6)
+        jax.tree.map(np.testing.assert_array_equal, state, by_hand.replace(reward=state.reward))
+    assert [int(state.info["steps"]) for state in states] == [0, 4, 8, 12]
+    assert [float(state.info["truncation"]) for state in states] == [0, 0, 0, 1]
+    assert [float(state.done) for state in states] == [0, 0, 0, 1]
+
+
+def test_an_episode_that_ends_by_itself_between_decisions_ends_there():
+    key = jax.random.key(4)
+    states, each = decided("environment", 6, key), controlled("environment", 6, key)
+    last = states[2]
+    assert (float(last.done), float(last.info["truncation"]), int(last.info["steps"])) == (1, 0, 6)
+    np.testing.assert_array_equal(last.pipeline_state[0], each.pipeline_state[0][6])
+    np.testing.assert_allclose(last.reward, each.reward[5:7].sum(), rtol=1e-6)
+    np.testing.assert_allclose(last.metrics["episode_return"], each.reward[1:7].sum(), rtol=1e-6)
+    assert float(last.metrics["episode_length"]) == 6
+    # In training the next decision is the first of a new episode.
+    training = rollout("environment", 6, replace(CONFIG, episode_length=EPISODE, decision_steps=4))
+    np.testing.assert_array_equal(training.info["steps"][:, 0], [0, 4] * 6)
+    np.testing.assert_array_equal(training.metrics["episode_length"][2::2], 6)
+
+
+def test_one_step_per_decision_needs_no_wrapper():
+    env = paid(SlidingBoxes(), "environment")
+    assert isinstance(episodic(env, CONFIG), Episode)
+    assert isinstance(episodic(env, replace(CONFIG, decision_steps=2)), Decisions)
+
+
+@pytest.mark.parametrize("steps, starts", [(1, range(10)), (5, (0, 5)), (10, (0,))])
+def test_staggered_starts_spread_over_the_episode(steps, starts):
     nothing = jnp.zeros(200)
     state = State(None, nothing, nothing, nothing, info={"steps": jnp.zeros(200, jnp.int32), "boxes": nothing})
-    info = stagger(state, jax.random.key(2), 10).info
-    assert set(np.asarray(info["steps"])) == set(range(10))
+    info = stagger(state, jax.random.key(2), PPOConfig(episode_length=10, decision_steps=steps)).info
+    assert set(np.asarray(info["steps"])) == set(starts)
     assert info["steps"].dtype == np.int32
     assert info["boxes"] is nothing
 
 
 def test_resets_and_steps_use_no_key_twice():
-    env = AutoReset(Episode(EnvironmentReward(SlidingBoxes(), TAU), EPISODE_LENGTH))
+    env = AutoReset(Episode(EnvironmentReward(SlidingBoxes(), POOLING), EPISODE_LENGTH))
 
     @jit_physics
     def reset_and_step(key: jax.Array) -> State:

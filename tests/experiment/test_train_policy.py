@@ -1,0 +1,60 @@
+"""Policy training from a task's own starts."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from graphrl_jax.encoder.pooling import PoolingParams
+from graphrl_jax.experiment.keys import RunStage, stage_key
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.experiment.settings import compose
+from graphrl_jax.experiment.train_policy import PolicyJob, train_policies
+from graphrl_jax.progress import Progress
+from graphrl_jax.registry import make_task
+from graphrl_jax.storage import load_tree
+from tests.helpers.commands import arrays
+
+pytestmark = pytest.mark.usefixtures("outside_package")
+
+
+def test_starts_are_drawn_from_seed_and_pooling_and_kept_for_a_resumed_run(tmp_path):
+    task = make_task("carry")
+    given, made = [], []
+
+    def training_starts(key: jax.Array, pooling: PoolingParams) -> dict[str, jax.Array]:
+        made.append(pooling.activity)
+        return {"places": jax.random.uniform(key, (5, 2)), "tau": jnp.asarray(pooling.tau)}
+
+    def training(starts: dict[str, jax.Array] | None = None):
+        given.append(starts["places"].shape)
+        return task
+
+    # As the methods of another class of the task would be.
+    vars(task).update(training_starts=training_starts, training=training)
+    settings = compose(task, "env", "smoke", seed=3, updates=2, pretrain={"tau": 0.25}, ppo={"num_envs": 8})
+    run = Run.start(tmp_path / "run", settings)
+    job = PolicyJob(run, settings, PoolingParams())
+    train_policies([job], task, Progress())
+    kept = load_tree(run.path / "starts.npz", {"places": jnp.zeros((5, 2)), "tau": jnp.zeros(())})
+    expected = jax.random.uniform(stage_key(3, RunStage.STARTS), (5, 2))
+    np.testing.assert_array_equal(kept["places"], expected)
+    assert kept["tau"] == 0.25 and set(made) == {"displacement"} and set(given) == {(5, 2)}
+    before = arrays(run.path / "starts.npz")
+    (run.path / "policy.npz").unlink()
+    (run.path / "train_state.npz").unlink()
+    # On another machine they would come out otherwise.
+    vars(task).update(training_starts=lambda *_: {"places": jnp.ones((5, 2)), "tau": jnp.zeros(())})
+    train_policies([job], task, Progress())
+    after = arrays(run.path / "starts.npz")
+    assert before.keys() == after.keys()
+    for name, values in before.items():
+        np.testing.assert_array_equal(after[name], values)
+
+
+def test_a_task_without_starts_of_its_own_keeps_none(tmp_path):
+    task = make_task("carry")
+    settings = compose(task, "env", "smoke", updates=2, ppo={"num_envs": 8})
+    run = Run.start(tmp_path / "run", settings)
+    train_policies([PolicyJob(run, settings, PoolingParams())], task, Progress())
+    assert not (run.path / "starts.npz").exists() and (run.path / "policy.npz").exists()

@@ -1,0 +1,57 @@
+"""An environment whose physics diverges is reset, teaches nothing and is counted; the others go on."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from brax.envs.base import State
+
+from graphrl_jax.rl import ppo
+from graphrl_jax.rl.config import PPOConfig, PPOHyper
+from graphrl_jax.rl.wrappers import vectorise
+from tests.helpers.probe_environments import Probe, ProbeReward
+
+CONFIG = PPOConfig(num_envs=8, unroll_length=4, num_epochs=1, num_minibatches=2, episode_length=6)
+
+
+class Diverging(Probe):
+    """A probe whose state turns NaN under actions above 0.5."""
+
+    def step(self, state: State, action: jax.Array) -> State:
+        state = super().step(state, action)
+        bad = action[0] > 0.5
+        x = jnp.where(bad, jnp.nan, state.pipeline_state["x"])
+        nan = jnp.where(bad, jnp.nan, 0.0)
+        return state.replace(
+            pipeline_state={**state.pipeline_state, "x": x},
+            obs=state.obs + nan,
+            reward=state.reward + nan,
+            metrics={name: value + nan for name, value in state.metrics.items()},
+        )
+
+
+def make_env(reward: ProbeReward) -> Diverging:
+    return Diverging(reward)
+
+
+PAYS = ProbeReward(constant=1.0, length=100.0)
+
+
+def test_a_bad_environment_starts_anew_and_the_others_go_on():
+    env = vectorise(Diverging(PAYS), CONFIG)
+    state = jax.jit(env.reset)(jax.random.split(jax.random.key(0), 3))
+    state = jax.jit(env.step)(state, jnp.array([[0.0], [1.0], [0.0]]))
+    assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((state.pipeline_state, state.obs, state.metrics)))
+    np.testing.assert_array_equal(state.metrics["bad_envs"], [0, 1, 0])
+    np.testing.assert_array_equal(state.done, [0, 1, 0])
+    np.testing.assert_array_equal(state.info["truncation"], [0, 1, 0])
+    np.testing.assert_array_equal(state.info["steps"], [1, 0, 1])
+    np.testing.assert_array_equal(state.reward, [1, 0, 1])
+
+
+def test_training_goes_on_with_finite_parameters_and_counts_what_was_bad():
+    state = ppo.init_jit(CONFIG, make_env, PAYS, jax.random.key(1))
+    state, metrics = ppo.train_chunk(CONFIG, make_env, PPOHyper(), PAYS, state, 3)
+    leaves = jax.tree.leaves((state.params, state.normalizer, state.return_statistics, state.env_state.obs))
+    assert all(np.isfinite(leaf).all() for leaf in leaves)
+    # The policy starts near mean 0 with a deviation of 0.6, so a fair share of its actions is above 0.5.
+    assert 0.05 < float(metrics["bad_envs"].mean()) < 0.5
