@@ -1,11 +1,13 @@
 """What the benchmarks' figures share. Matplotlib's figure objects alone: no display is needed."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.storage import write_atomically
 
 
@@ -17,3 +19,25 @@ def plain(axes: Axes) -> None:
 def save(figure: Figure, path: Path) -> None:
     """Writes a PNG, whole or not at all."""
     write_atomically(path, FigureCanvasAgg(figure).print_png)
+
+
+def learning_curves(runs: Sequence[Path], labels: Mapping[str, str], path: Path) -> None:
+    """Measures of policy training over steps, a line per run; measures that a run lacks are left out.
+
+    Args:
+      runs: folders.
+      labels: label of the axis, by measure.
+      path: of the figure.
+    """
+    records = {run.name: Run(run).records("ppo") for run in runs}
+    shown = [name for name in labels if all(name in lines[-1] for lines in records.values())]
+    figure = Figure(figsize=(4 * len(shown), 3.4), dpi=120, layout="constrained")
+    for axes, name in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
+        for run, lines in records.items():
+            axes.plot([line["env_steps"] / 1e6 for line in lines], [line[name] for line in lines], label=run)
+        axes.set(xlabel="environment steps (millions)", ylabel=labels[name])
+        if name in ("success", "score"):
+            axes.set_ylim(-0.02, 1.02)
+        plain(axes)
+    figure.axes[0].legend(frameon=False, fontsize=8)
+    save(figure, path)

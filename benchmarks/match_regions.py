@@ -14,11 +14,10 @@ from pathlib import Path
 import imageio.v3 as imageio
 import numpy as np
 import tyro
-from matplotlib.figure import Figure
 
 from benchmarks.context import RESULTS, measured_on
 from benchmarks.exploits import exploit_figure, landscape_figure, unseen_trajectories
-from benchmarks.figures import plain, save
+from benchmarks.figures import learning_curves
 from benchmarks.finished import judge_run, together
 from graphrl_jax.experiment.checkpoints import load_run
 from graphrl_jax.experiment.run_directory import Run
@@ -51,21 +50,6 @@ class Options:
     seed: int = 7
 
 
-def learning_curves(runs: tuple[Path, ...], path: Path) -> None:
-    """Success of finished training episodes (varied starts included) and rewards over steps, a line per run."""
-    records = {run.name: Run(run).records("ppo") for run in runs}
-    shown = [name for name in CURVES if all(name in lines[-1] for lines in records.values())]
-    figure = Figure(figsize=(4 * len(shown), 3.4), dpi=120, layout="constrained")
-    for axes, name in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
-        for run, lines in records.items():
-            axes.plot([line["env_steps"] / 1e6 for line in lines], [line[name] for line in lines], label=run)
-        axes.set(xlabel="environment steps (millions)", ylabel=CURVES[name])
-        plain(axes)
-    figure.axes[0].set_ylim(-0.02, 1.02)
-    figure.axes[0].legend(frameon=False, fontsize=8)
-    save(figure, path)
-
-
 def film_strip(run: Path, path: Path, frames: tuple[int, ...] = (4, 18, 34, 50, 110)) -> None:
     """Frames of the first episode of a run's video, the scene alone, side by side."""
     video = imageio.imread(run / "rollout.mp4")
@@ -90,7 +74,7 @@ def main() -> None:
     )
     name = f"match_regions_{options.name}"
     write_json(RESULTS / f"{name}.json", {**results, **where})
-    learning_curves(options.runs, RESULTS / f"{name}.png")
+    learning_curves(options.runs, CURVES, RESULTS / f"{name}.png")
     film_strip(options.runs[0], RESULTS / f"{name}_rollout.png")
     video = options.runs[0] / "rollout.mp4"
     write_atomically(RESULTS / f"{name}_rollout.mp4", lambda temporary: shutil.copyfile(video, temporary))

@@ -63,7 +63,11 @@ class Sizes:
     seeds: int
 
 
-PRESETS = {"smoke": Sizes(8, 8, 6, 8, 40, 1), "default": Sizes(64, 32, 36, 64, PretrainConfig().steps, 5)}
+_KINDS = len(expert.FAILURES)
+PRESETS = {
+    "smoke": Sizes(8, 8, _KINDS, 8, 40, 1),
+    "default": Sizes(64, 32, 4 * _KINDS, 64, PretrainConfig().steps, 5),
+}
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from matplotlib.offsetbox import AnnotationBbox, OffsetImage
 
 from benchmarks.figures import plain, save
 from graphrl_jax.demonstrations import Demonstrations, reached_for_good
+from graphrl_jax.reward.config import SUBTASK_METHODS
 from graphrl_jax.reward.model import RewardModel, demonstration_rewards
 from graphrl_jax.reward.subtasks import demonstration_subtasks, true_boundaries
 from tasks.shoes_in_box import expert, render
@@ -77,7 +78,7 @@ def subtasks_figure(model: RewardModel, demos: Demonstrations, path: Path) -> No
     some = demos.select(np.concatenate([np.flatnonzero(demos.success)[:3], failed]))
     assert some.kinds is not None and some.events is not None
     rewards = np.asarray(demonstration_rewards(model, some))
-    found = demonstration_subtasks(model, some)["subtasks"]
+    found = demonstration_subtasks(model, some, SUBTASK_METHODS[0])["subtasks"]
     figure = Figure(figsize=(12, 5), dpi=110, layout="constrained")
     for index, axes in enumerate(figure.subplots(2, 3, sharey=True).ravel()):
         length = int(some.lengths[index])

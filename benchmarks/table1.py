@@ -9,7 +9,6 @@ beside each other if their methods or seeds differ; a budget of 0 trains nothing
 table1_gpu), from all finished members.
 """
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -20,14 +19,13 @@ import numpy as np
 import tyro
 from matplotlib.figure import Figure
 
+from benchmarks import members
 from benchmarks.checks import refuse_unknown
 from benchmarks.context import RESULTS, measured_on
 from benchmarks.exploits import unseen_trajectories
 from benchmarks.figures import plain, save
 from benchmarks.finished import judge_run, together
 from benchmarks.tuning import TUNED, chosen
-from graphrl_jax.cli import train
-from graphrl_jax.cli.requests import Train
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.experiment.checkpoints import load_run
 from graphrl_jax.experiment.methods import METHODS
@@ -36,7 +34,7 @@ from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import compose
 from graphrl_jax.registry import make_task
 from graphrl_jax.runtime import configure
-from graphrl_jax.storage import read_json, write_json
+from graphrl_jax.storage import write_json
 from graphrl_jax.task import Task
 
 TASK = "match_regions"
@@ -74,55 +72,30 @@ class Options:
 
 def train_missing(task: Task, options: Options) -> None:
     """Trains members, or what is left of them, as long as the budget lasts."""
-    started = time.monotonic()
-    for seed in options.seeds:
-        for method in options.methods:
-            path = options.out / f"{method}_{seed}"
-            spent = (time.monotonic() - started) / 60
-            late = options.budget_minutes is not None and spent > options.budget_minutes
-            if not late and not (path / "summary.json").exists():
-                train_member(task, options, method, seed, path)
-
-
-def train_member(task: Task, options: Options, method: str, seed: int, path: Path) -> None:
-    """Trains one member, or what is left of it."""
-    if not path.exists():
-        settings = compose(task, method, options.preset, seed, updates=options.updates, pretrain=chosen(method))
-        Run.start(path, settings)
-    print(train.run(Train(out=path, resume=True)))
-    write_json(path / "trained_on.json", measured_on("table1"))
+    wanted = {
+        options.out / f"{method}_{seed}": compose(
+            task, method, options.preset, seed, updates=options.updates, pretrain=chosen(method)
+        )
+        for seed in options.seeds
+        for method in options.methods
+    }
+    members.train_missing(wanted, "table1", options.budget_minutes)
 
 
 def kept_judgement(path: Path, unseen: Callable[[], Demonstrations], options: Options) -> dict[str, Any]:
     """`judged`, once for a policy and an evaluation seed; the folder keeps it."""
-    stamp = {"seed": options.evaluation_seed, "policy": (path / "policy.npz").stat().st_mtime_ns}
-    file, trained = path / "table1.json", path / "trained_on.json"
-    if not (file.exists() and read_json(file)["of"] == stamp):
-        write_json(file, {"of": stamp, "judged": judged(path, unseen(), options), **measured_on("table1")})
-    kept = read_json(file)
-    commits = {
-        "trained_at": read_json(trained)["commit"] if trained.exists() else None,
-        "judged_at": kept.get("commit"),
-    }
-    return kept["judged"] | commits
+    about = {"seed": options.evaluation_seed}
+    return members.judged_once(path, "table1", about, lambda: judged(path, unseen(), options), "table1")
 
 
 def judged(path: Path, unseen: Demonstrations, options: Options) -> dict[str, Any]:
     """A finished member's policy on the unseen episodes, its learning curve, and the audit of a learned reward."""
     run, trained = Run(path), load_run(path)
     member = judge_run(run, trained, KEPT, EPISODES[options.preset], options.evaluation_seed, unseen)
-    member["curve"] = curve(run)
+    member["curve"] = members.curve(run)
     if trained.settings.method.encoder is not None:
         member["tuned"] = {name: float(getattr(trained.settings.pretrain, name)) for name in TUNED}
     return member
-
-
-def curve(run: Run) -> dict[str, list[float]]:
-    """Environment steps, seconds in the training's programs, and success of training episodes."""
-    lines = run.records("ppo")
-    steps = [line["env_steps"] for line in lines]
-    seconds = np.cumsum(np.diff(steps, prepend=0) / [line["steps_per_s"] for line in lines])
-    return {"env_steps": steps, "seconds": seconds.tolist(), "success": [line["success"] for line in lines]}
 
 
 def curves_figure(methods: dict[str, dict[str, Any]], path: Path) -> None:
@@ -147,15 +120,9 @@ def curves_figure(methods: dict[str, dict[str, Any]], path: Path) -> None:
     save(figure, path)
 
 
-def finished_members(options: Options) -> dict[str, list[Path]]:
-    """Folders of finished members by method, in order; methods without any are left out."""
-    found = {method: sorted(options.out.glob(f"{method}_[0-9]*/summary.json")) for method in ORDER}
-    return {method: [path.parent for path in paths] for method, paths in found.items() if paths}
-
-
 def image_size(options: Options) -> int | None:
     """Size of the images that members look at; None where none of them needs images."""
-    found = any(METHODS[method].needs == "images" for method in finished_members(options))
+    found = any(METHODS[method].needs == "images" for method in members.finished_members(options.out, ORDER))
     return PRESETS[options.preset].pretrain_config["images"].encoder.image_size if found else None
 
 
@@ -168,7 +135,7 @@ def main() -> None:
     train_missing(task, options)
     unseen = cache(lambda: unseen_trajectories(task, options.evaluation_seed, image_size(options)))
     methods: dict[str, dict[str, Any]] = {}
-    for method, paths in finished_members(options).items():
+    for method, paths in members.finished_members(options.out, ORDER).items():
         methods[method] = together([kept_judgement(path, unseen, options) for path in paths])
         print(method, {name: methods[method][name] for name in ("success_rate", "success_interval_95")})
     if not methods:

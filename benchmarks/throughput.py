@@ -1,10 +1,10 @@
 """Steps per second of training, beside the physics that it cannot do without.
 
-    python -m benchmarks.throughput [--task match_regions] [--num-envs 1 32 1024] [--steps 16] [--repeats 11]
+    python -m benchmarks.throughput [--task shoes_in_box] [--engines mjx mujoco] [--num-envs 1 32 1024] [--repeats 11]
 
-In one process, on the same batches, in environment (control) steps per second:
+In one process, on the same batches and starts, in control steps per second:
 
-    physics       bare `mjx.step`, as many sub-steps per control step as the task makes, under fixed controls
+    physics       bare steps of the engine, as many sub-steps per control step as the task makes, under fixed controls
     environment   the task's `step` under fixed actions: physics, observation, reward and score
     graph         the same, and the graph of what is seen, with its activity
     reward        the same, and the learned reward of an encoder with random parameters (the time is the same)
@@ -12,15 +12,19 @@ In one process, on the same batches, in environment (control) steps per second:
     ppo_env       PPO's whole update (unroll and all gradient steps) with the environment's reward
     ppo_graph     the same with the learned reward
 
-Each is compiled, which is timed apart, then they take turns, so that whatever else the machine does weighs on all of
-them. What counts are the ratios of the medians; here a few hundredths are noise. Memory is what the compiled program
-asks for. Compile times are those of a first run only if the compilation cache is empty ($JAX_COMPILATION_CACHE_DIR).
+PPO is that of `graphrl train`: networks, epochs, control steps per decision and starts are the task's for this device;
+only the batch and the unroll's length are the options'. Each program is compiled, which is timed apart, then the
+programs of all engines take turns, so that whatever else the machine does weighs on all of them. What counts are the
+ratios of the medians; here a few hundredths are noise. Memory is what the compiled program asks for; the engine
+`mujoco` keeps its own beside it. Compile times are those of a first run only if the compilation cache is empty
+($JAX_COMPILATION_CACHE_DIR).
 """
 
 import math
 import statistics
-from dataclasses import dataclass
-from functools import partial
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -29,44 +33,51 @@ import jax.numpy as jnp
 import tyro
 from brax.envs.base import Env, State
 from matplotlib.figure import Figure
-from mujoco import mjx
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.checks import refuse_below
+from benchmarks.checks import refuse_below, refuse_unknown
 from benchmarks.context import RESULTS, measured_on
 from benchmarks.figures import plain, save
-from benchmarks.tables.costs import LABELS
+from benchmarks.tables.costs import LABELS, by_engine, label
 from benchmarks.timing import compiled, in_turns, to_the_end
 from graphrl_jax.encoder import encoder
 from graphrl_jax.encoder.config import EncoderConfig
 from graphrl_jax.encoder.pooling import PoolingParams
+from graphrl_jax.experiment.environments import TrainingParams, training_environment_of
+from graphrl_jax.experiment.settings import compose
 from graphrl_jax.graph import build_graph
-from graphrl_jax.registry import make_task
+from graphrl_jax.registry import ENGINES, make_task
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.rl import ppo
-from graphrl_jax.rl.config import PPOConfig, PPOHyper
 from graphrl_jax.rl.wrappers import EnvironmentReward, GraphReward
-from graphrl_jax.runtime import configure, jit_physics
+from graphrl_jax.runtime import configure, default_preset, jit_physics
 from graphrl_jax.storage import write_json
 from graphrl_jax.task import Task
+from tasks.engine import Dynamics, default_engine
 
+Program = tuple[Any, tuple]
+"""A function, and its arguments."""
 _TAU = 0.01  # activity threshold; any value takes the same time
 
 
 @dataclass(frozen=True)
 class Options:
-    """Throughput of physics, environment and training, in environment steps per second.
+    """Throughput of physics, environment and training, in control steps per second.
 
     Attributes:
       task: match_regions or shoes_in_box.
+      engines: physics engines, compared with the first one; the device's default if left out.
+      programs: what is measured besides physics.
       num_envs: environments stepped together; each batch is measured.
-      steps: control steps per call, PPO's unroll length.
+      steps: the policy's decisions per call, PPO's unroll length.
       repeats: timed calls of each program; the median counts.
       out: where the numbers go; a plot lies beside them. benchmarks/results/throughput[_shoes_in_box].json if left out.
     """
 
     task: Literal["match_regions", "shoes_in_box"] = "match_regions"
+    engines: tuple[str, ...] = ()
+    programs: tuple[str, ...] = tuple(LABELS)
     num_envs: tuple[int, ...] = (1, 32, 1024)
     steps: int = 16
     repeats: int = 11
@@ -74,29 +85,30 @@ class Options:
 
     def __post_init__(self) -> None:
         refuse_below(self, num_envs=1, steps=1, repeats=1)
+        refuse_unknown("--engines", self.engines, ENGINES)
+        refuse_unknown("--programs", self.programs, LABELS)
 
 
-def physics_program(task: Task, num_envs: int, steps: int, key: jax.Array) -> tuple[Any, tuple]:
-    """Bare physics: as in the task, only positions, rates and the solver's start are carried."""
-    model, template = task._model, task._template
+def physics_program(task: Task, num_envs: int, steps: int, key: jax.Array) -> Program:
+    """Bare physics: of the task's state, only positions, rates and the solver's start change."""
     reset_key, control_key = jax.random.split(key)
-    controls = jax.random.uniform(control_key, (num_envs, model.nu), minval=-0.5, maxval=0.5)
+    controls = jax.random.uniform(control_key, (num_envs, task.mj_model.nu), minval=-0.5, maxval=0.5)
 
-    def substep(state: Any, control: jax.Array) -> Any:
-        data = template.replace(qpos=state.qpos, qvel=state.qvel, qacc_warmstart=state.warmstart, ctrl=control)
-        data = mjx.step(model, data)
-        return state._replace(qpos=data.qpos, qvel=data.qvel, warmstart=data.qacc_warmstart)
+    def control(state: Any, ctrl: jax.Array) -> Any:
+        dynamics = Dynamics(state.qpos, state.qvel, state.warmstart)
+        after, _ = task.engine.step(dynamics, ctrl, task.fields(state), task.physics.substeps)
+        return state._replace(**after._asdict())
 
     def run(states: Any) -> Any:
         def body(states: Any, _: None) -> tuple[Any, None]:
-            return jax.vmap(substep)(states, controls), None
+            return jax.vmap(control)(states, controls), None
 
-        return jax.lax.scan(body, states, length=steps * task.physics.substeps)[0]
+        return jax.lax.scan(body, states, length=steps)[0]
 
     return run, (_reset(task, num_envs, reset_key).pipeline_state,)
 
 
-def environment_program(env: Env, num_envs: int, steps: int, key: jax.Array, graph: bool = False) -> tuple[Any, tuple]:
+def environment_program(env: Env, num_envs: int, steps: int, key: jax.Array, graph: bool = False) -> Program:
     """An environment's step under fixed actions; the task's own, or a wrapper's, with the graph of what is seen."""
     reset_key, action_key = jax.random.split(key)
     actions = jax.random.uniform(action_key, (num_envs, env.action_size), minval=-1.0, maxval=1.0)
@@ -128,65 +140,99 @@ def random_reward(task: Task, key: jax.Array) -> RewardModel:
     return RewardModel(params, jnp.zeros(config.embedding), *floats)
 
 
-def build_programs(options: Options, num_envs: int, key: jax.Array) -> dict[str, tuple[Any, tuple]]:
-    """The programs by name, as functions and their arguments, on the starts that policies are trained on."""
-    task = make_task(options.task).training()
-    physics_key, environment_key, encoder_key, ppo_key = jax.random.split(key, 4)
-    sizes = (num_envs, options.steps, environment_key)
-    model = random_reward(task, encoder_key)
-    minibatches = math.gcd(num_envs, 16)
-    config = PPOConfig(
-        num_envs=num_envs, unroll_length=options.steps, num_minibatches=minibatches, episode_length=task.episode_length
-    )
-    make_env, make_graph = partial(EnvironmentReward, task), partial(GraphReward, task)
-    tau = jnp.float32(_TAU)
+def build_programs(
+    task: Task, model: RewardModel, starts: Any, options: Options, num_envs: int, key: jax.Array
+) -> dict[str, Program]:
+    """Physics and the programs that are asked for, by name, on the starts that policies are trained on.
 
-    def unroll(state: ppo.TrainState) -> tuple[Any, jax.Array]:
-        env_state, data = ppo.unroll(config, make_graph, model, state, state.key)
+    Args:
+      task: the task, with an engine.
+      model: the learned reward.
+      starts: as returned by `task.training_starts`.
+      options: see `Options`.
+      num_envs: environments stepped together.
+      key: randomness.
+    """
+    physics_key, environment_key, ppo_key = jax.random.split(key, 3)
+    settings = compose(task, "graph", default_preset())
+    minibatches = math.gcd(num_envs, settings.ppo_config.num_minibatches)
+    config = replace(settings.ppo_config, num_envs=num_envs, unroll_length=options.steps, num_minibatches=minibatches)
+    hyper, reward_params = ppo.as_float32(settings.ppo), {"env": model.pooling, "graph": model}
+
+    @cache
+    def ppo_program(reward: str) -> Program:
+        make_env, params = training_environment_of(task, reward), TrainingParams(reward_params[reward], starts)
+        state = ppo.init_jit(config, make_env, params, ppo_key)
+        return partial(ppo.update, config, make_env), (hyper, params, state)
+
+    def unroll(params: TrainingParams, state: ppo.TrainState) -> tuple[Any, jax.Array]:
+        env_state, data = ppo.unroll(config, training_environment_of(task, "graph"), params, state, state.key)
         return env_state, jnp.mean(data.reward)
 
-    start = partial(ppo.init_jit, config)
-    env_state, graph_state = start(make_env, tau, ppo_key), start(make_graph, model, ppo_key)
-    return {
-        "physics": physics_program(task, num_envs, options.steps, physics_key),
-        "environment": environment_program(task, *sizes),
-        "graph": environment_program(EnvironmentReward(task, tau), *sizes, graph=True),
-        "reward": environment_program(GraphReward(task, model), *sizes),
-        "policy": (unroll, (graph_state,)),
-        "ppo_env": (partial(ppo.update, config, make_env, PPOHyper(), tau), (env_state,)),
-        "ppo_graph": (partial(ppo.update, config, make_graph, PPOHyper(), model), (graph_state,)),
+    started, steps = task.training(starts), options.steps * config.decision_steps
+    sizes = (num_envs, steps, environment_key)
+    made: dict[str, Callable[[], Program]] = {
+        "physics": lambda: physics_program(started, num_envs, steps, physics_key),
+        "environment": lambda: environment_program(started, *sizes),
+        "graph": lambda: environment_program(EnvironmentReward(started, model.pooling), *sizes, graph=True),
+        "reward": lambda: environment_program(GraphReward(started, model), *sizes),
+        "policy": lambda: (unroll, ppo_program("graph")[1][1:]),
+        "ppo_env": lambda: ppo_program("env"),
+        "ppo_graph": lambda: ppo_program("graph"),
     }
+    return {name: make() for name, make in made.items() if name in ("physics", *options.programs)}
 
 
-def measure(programs: dict[str, tuple[Any, tuple]], work: int, repeats: int) -> dict[str, Any]:
-    """Rates (environment steps per second), compile times and memory of programs that make `work` steps a call."""
+def measure(programs: dict[str, dict[str, Program]], work: int, repeats: int) -> dict[str, dict[str, Any]]:
+    """Rates, compile times and memory of every engine's programs, which make `work` control steps a call; by engine.
+
+    The programs of all engines take turns.
+    """
     calls, compile_s, memory = {}, {}, {}
-    for name, (function, arguments) in programs.items():
-        program, compile_s[name] = compiled(jit_physics(function), arguments)
-        calls[name] = to_the_end(program, arguments)
-        need = program.memory_analysis()
-        memory[name] = (need.temp_size_in_bytes + need.argument_size_in_bytes + need.output_size_in_bytes) / 2**20
+    for engine, some in programs.items():
+        for name, (function, arguments) in some.items():
+            at = engine, name
+            program, compile_s[at] = compiled(jit_physics(function), arguments)
+            calls[at] = to_the_end(program, arguments)
+            need = program.memory_analysis()
+            memory[at] = (need.temp_size_in_bytes + need.argument_size_in_bytes + need.output_size_in_bytes) / 2**20
     seconds = in_turns(calls, repeats)
-    medians = {name: statistics.median(found) for name, found in seconds.items()}
-    return {
-        "steps_per_second": {name: work / median for name, median in medians.items()},
-        "of_physics": {name: medians["physics"] / median for name, median in medians.items()},
-        "compile_s": compile_s,
-        "memory_mib": memory,
-        "seconds": seconds,
-    }
+    medians = {at: statistics.median(found) for at, found in seconds.items()}
+
+    def of_engine(engine: str) -> dict[str, Any]:
+        names = programs[engine]
+        return {
+            "steps_per_second": {name: work / medians[engine, name] for name in names},
+            "of_physics": {name: medians[engine, "physics"] / medians[engine, name] for name in names},
+            "compile_s": {name: compile_s[engine, name] for name in names},
+            "memory_mib": {name: memory[engine, name] for name in names},
+            "seconds": {name: seconds[engine, name] for name in names},
+        }
+
+    return {engine: of_engine(engine) for engine in programs}
+
+
+def of_first(engines: dict[str, dict[str, Any]]) -> dict[str, dict[str, float]]:
+    """Rates of the other engines as multiples of the first one's, by engine and program."""
+    rates = {engine: found["steps_per_second"] for engine, found in engines.items()}
+    first, *others = rates
+    return {engine: {name: rate / rates[first][name] for name, rate in rates[engine].items()} for engine in others}
 
 
 def figure(batches: list[dict[str, Any]], path: Path) -> None:
-    """Steps per second of every program against the batch."""
+    """Steps per second of every program against the batch; a line style for every engine."""
     drawn = Figure(figsize=(6, 4), dpi=120, layout="constrained")
     axes = drawn.subplots()
-    for name, label in LABELS.items():
-        rates = [batch["steps_per_second"][name] for batch in batches]
-        axes.plot([batch["num_envs"] for batch in batches], rates, marker="o", label=label.replace("`", ""))
-    axes.set(xscale="log", yscale="log", xlabel="environments", ylabel="environment steps per second")
+    found = [by_engine(batch) for batch in batches]
+    sizes = [batch["num_envs"] for batch in batches]
+    for engine, style in zip(found[0], ("-", "--", ":"), strict=False):
+        for number, name in enumerate(found[0][engine]["steps_per_second"]):
+            rates = [engines[engine]["steps_per_second"][name] for engines in found]
+            shown = label(name, engine, len(found[0]) > 1).replace("`", "")
+            axes.plot(sizes, rates, style, marker="o", color=f"C{number}", label=shown)
+    axes.set(xscale="log", yscale="log", xlabel="environments", ylabel="control steps per second")
     plain(axes)
-    axes.legend(frameon=False, fontsize=8)
+    axes.legend(frameon=False, fontsize=8 if len(found[0]) == 1 else 5)
     save(drawn, path)
 
 
@@ -197,13 +243,22 @@ def main() -> None:
     where = measured_on("throughput")  # before anything else loads the machine
     end = "" if options.task == "match_regions" else f"_{options.task}"
     out = options.out or RESULTS / f"throughput{end}.json"
+    tasks = {engine: make_task(options.task, engine) for engine in options.engines or (default_engine(),)}
+    first = next(iter(tasks.values()))
+    encoder_key, starts_key, key = jax.random.split(jax.random.key(0), 3)
+    model = random_reward(first, encoder_key)
+    starts = jit_physics(first.training_starts)(starts_key, model.pooling)
     batches: list[dict[str, Any]] = []
     for num_envs in options.num_envs:
-        programs = build_programs(options, num_envs, jax.random.key(0))
-        batches.append({"num_envs": num_envs, **measure(programs, num_envs * options.steps, options.repeats)})
+        programs = {
+            engine: build_programs(task, model, starts, options, num_envs, key) for engine, task in tasks.items()
+        }
+        engines = measure(programs, num_envs * options.steps * first.decision_steps, options.repeats)
+        batches.append({"num_envs": num_envs, "engines": engines, "of_first_engine": of_first(engines)})
         context = {
             "task": options.task,
             "steps": options.steps,
+            "decision_steps": first.decision_steps,
             "repeats": options.repeats,
             "compilation_cache": process_log.cache,
             **where,
@@ -214,12 +269,17 @@ def main() -> None:
 
 
 def _print(batch: dict[str, Any], context: dict[str, Any]) -> None:
-    table = Table(title=f"{batch['num_envs']} environments x {context['steps']} steps on {context['device']}")
-    for column in ("program", "steps/s (median)", "of physics", "compile (s)", "memory (MiB)"):
-        table.add_column(column, justify="left" if column == "program" else "right")
-    for name, rate in batch["steps_per_second"].items():
-        shown = (batch["of_physics"][name], batch["compile_s"][name], batch["memory_mib"][name])
-        table.add_row(name, f"{rate:,.0f}", f"{shown[0]:.2f}", f"{shown[1]:.1f}", f"{shown[2]:,.0f}")
+    sizes = f"{batch['num_envs']} environments x {context['steps']} decisions of {context['decision_steps']} steps"
+    table = Table(title=f"{sizes} on {context['device']}")
+    for column in ("program", "control steps/s", "of physics", "compile (s)", "memory (MiB)", "of first engine"):
+        table.add_column(column, justify="left" if column == "program" else "right", no_wrap=column == "program")
+    for engine, found in batch["engines"].items():
+        ratios = batch["of_first_engine"].get(engine, {})
+        for name, rate in found["steps_per_second"].items():
+            shown = (found["of_physics"][name], found["compile_s"][name], found["memory_mib"][name])
+            ratio = f"{ratios[name]:.2f}" if name in ratios else ""
+            cells = (f"{rate:,.0f}", f"{shown[0]:.2f}", f"{shown[1]:.1f}", f"{shown[2]:,.0f}", ratio)
+            table.add_row(f"{engine}/{name}", *cells)
     Console().print(table)
 
 

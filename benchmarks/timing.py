@@ -2,10 +2,12 @@
 
 import time
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 from jax.stages import Compiled, Wrapped
+
+_Name = TypeVar("_Name")
 
 
 def compiled(function: Wrapped, arguments: tuple) -> tuple[Compiled, float]:
@@ -20,12 +22,12 @@ def to_the_end(program: Callable, arguments: tuple) -> Callable[[], Any]:
     return lambda: jax.block_until_ready(program(*arguments))
 
 
-def in_turns(calls: Mapping[str, Callable[[], Any]], repeats: int) -> dict[str, list[float]]:
+def in_turns(calls: Mapping[_Name, Callable[[], Any]], repeats: int) -> dict[_Name, list[float]]:
     """Seconds of every call, `repeats` times; a first call of each warms up.
 
     They take turns, so that whatever else the machine does weighs on all of them.
     """
-    seconds: dict[str, list[float]] = {name: [] for name in calls}
+    seconds: dict[_Name, list[float]] = {name: [] for name in calls}
     for repeat in range(repeats + 1):
         for name, call in calls.items():
             taken = seconds_of(call)

@@ -13,8 +13,12 @@ from graphrl_jax.experiment.methods import ABLATIONS, METHODS
 from graphrl_jax.experiment.presets import PRESETS, Preset
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 from graphrl_jax.rl.config import PPOConfig, PPOHyper
+from graphrl_jax.task import Task
+from tasks.match_regions.task import MatchRegions
+from tasks.shoes_in_box.task import ShoesInBox
 
 PAGE = Path(__file__).parent / "configuration.md"
+TASKS: tuple[type[Task], ...] = (MatchRegions, ShoesInBox)
 BEGIN, END = "<!-- fields: written by a script from the code -->\n", "<!-- end of fields -->"
 
 
@@ -30,9 +34,9 @@ def fields_of(kind: type, values: Mapping[str, Any] | None = None, options: str 
     rows = []
     for field in dataclasses.fields(kind):
         is_option = options is not None and field.name not in RESOLVED
-        name = f"--{options}.{field.name.replace('_', '-')}" if is_option else field.name
+        name = _option(f"{options}.{field.name}") if is_option else f"`{field.name}`"
         shown = [FOLLOWING.get(field.name) or _value(getattr(one, field.name)) for one in values.values()]
-        rows.append([f"`{name}`", *shown, helps[field.name]])
+        rows.append([name, *shown, helps[field.name]])
     return table(["field", *values, "meaning"], rows)
 
 
@@ -68,9 +72,28 @@ def ablations() -> str:
     for name, ablation in ABLATIONS.items():
         changes = [f"`pretrain.{field}` is {value:g}" for field, value in ablation.floats.items()]
         changes += [] if ablation.edges else ["`pretrain_config.encoder.edges` is False"]
-        changes += [] if ablation.persistent else ["`pretrain_config.persistent` is False"]
+        changes += [f"`pretrain_config.activity` is {ablation.activity}"] if ablation.activity else []
         rows.append([f"`{name}`", ", ".join(changes)])
     return table(["`--ablate`", "change"], rows)
+
+
+def task_values() -> str:
+    """What `TASKS` set, by preset."""
+    rows = []
+    for task in TASKS:
+        values = {name: {"updates": size.updates} | dict(size.ppo) for name, size in task.training_sizes.items()}
+        fixed = {"ppo.decision_steps": task.decision_steps} if task.decision_steps > 1 else {}
+        fixed |= {f"pretrain.{field}": value for field, value in task.pretrain_overrides.items()}
+        rows += [[task.name, _option(field), *len(PRESETS) * [_value(value)]] for field, value in fixed.items()]
+        for field in dict.fromkeys(name for size in values.values() for name in size):
+            shown = [_value(values.get(preset, {}).get(field, "-")) for preset in PRESETS]
+            rows.append([task.name, _option(field if field == "updates" else f"ppo.{field}"), *shown])
+    return table(["task", "field", *PRESETS], rows)
+
+
+def _option(field: str) -> str:
+    """A field as the option that sets it."""
+    return f"`--{field.replace('_', '-')}`"
 
 
 def preset_sizes() -> str:
@@ -90,6 +113,7 @@ def page() -> str:
     sections = {
         "Rewards": methods(),
         "Ablations": ablations(),
+        "What tasks set": task_values(),
         "Sizes of a run, by preset": preset_sizes(),
         "Pretraining: floats": fields_of(PretrainHyper, options="pretrain"),
         "Pretraining: sizes, by preset": fields_of(PretrainConfig, graphs, "pretrain"),

@@ -19,6 +19,11 @@ def test_tasks_of_every_installed_package_are_found_by_name():
         assert isinstance(task, Task) and task.name == name
 
 
+def test_a_task_of_one_engine_takes_none():
+    with pytest.raises(ValueError, match="task 'carry' has one engine of its own; leave the engine 'mjx' out"):
+        make_task("carry", "mjx")
+
+
 def test_an_unknown_task_lists_the_known_ones():
     with pytest.raises(ValueError, match="unknown task 'juggling'; known tasks: carry, match_regions, "):
         make_task("juggling")

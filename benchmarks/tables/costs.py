@@ -1,9 +1,11 @@
 """Tables of time and memory: throughput, PyTorch, sweeps."""
 
+from typing import Any
+
 from benchmarks.tables.cells import Result, of_result, table, where
 
 LABELS = {
-    "physics": "bare `mjx.step`, same scene and sub-steps",
+    "physics": "bare {step}, same scene and sub-steps",
     "environment": "environment step",
     "graph": "and the graph",
     "reward": "and the learned reward",
@@ -12,21 +14,53 @@ LABELS = {
     "ppo_graph": "PPO, learned reward",
 }
 """Of the programs of `benchmarks.throughput`."""
+_STEPS = {"mjx": "`mjx.step`", "mujoco": "`mujoco.batch`", "warp": "`mjx.step` in Warp"}
 
 
-@of_result("throughput")
-def throughput_table(result: Result) -> str:
+def label(program: str, engine: str, named: bool) -> str:
+    """What a program is called, with its engine if that is to be `named`."""
+    shown = LABELS[program].format(step=_STEPS[engine])
+    return f"{engine}: {shown}" if named else shown
+
+
+def by_engine(batch: dict[str, Any]) -> dict[str, dict[str, Any]]:
+    """The measurements of a batch by engine; files of earlier releases, with MJX alone, do not name it."""
+    return batch.get("engines", {"mjx": batch})
+
+
+def throughput_of(result: Result) -> str:
     """Steps per second of training beside bare physics, and the ratios."""
-    batches = result["batches"]
-    sizes = [str(batch["num_envs"]) for batch in batches]
-    columns = ["control steps/s (share of bare physics), by environments", *sizes, "compile (s)", "memory (MiB)"]
+    batches = [by_engine(batch) for batch in result["batches"]]
+    sizes = [str(batch["num_envs"]) for batch in result["batches"]]
+    task = "" if result["task"] == "match_regions" else "Shoes in Box: "
+    columns = [f"{task}control steps/s (share of bare physics), by environments", *sizes, "compile (s)", "memory (MiB)"]
     rows = []
-    for name, label in LABELS.items():
-        cells = [f"{batch['steps_per_second'][name]:,.0f} ({batch['of_physics'][name]:.2f})" for batch in batches]
-        largest = batches[-1]
-        rows.append([label, *cells, f"{largest['compile_s'][name]:.0f}", f"{largest['memory_mib'][name]:,.0f}"])
+    for engine, largest in batches[-1].items():
+        for name in largest["steps_per_second"]:
+            found = [batch[engine] for batch in batches]
+            cells = [f"{one['steps_per_second'][name]:,.0f} ({one['of_physics'][name]:.2f})" for one in found]
+            costs = f"{largest['compile_s'][name]:.0f}", f"{largest['memory_mib'][name]:,.0f}"
+            rows.append([label(name, engine, len(batches[-1]) > 1), *cells, *costs])
     below = f"Compile time and memory with most environments {where(result)}"
-    return table(columns, rows, below)
+    return table(columns, rows + _ratios(result["batches"]), below)
+
+
+def _ratios(batches: list[dict[str, Any]]) -> list[list[str]]:
+    """A row for every engine but the first: how many times as fast PPO is with it."""
+    first = next(iter(by_engine(batches[-1])))
+    return [
+        [f"{LABELS['ppo_graph']}: {engine} / {first}", *(_ratio(batch, engine) for batch in batches), "", ""]
+        for engine, ratios in batches[-1].get("of_first_engine", {}).items()
+        if "ppo_graph" in ratios
+    ]
+
+
+def _ratio(batch: dict[str, Any], engine: str) -> str:
+    return f"{batch['of_first_engine'][engine]['ppo_graph']:.2f}"
+
+
+throughput_table = of_result("throughput")(throughput_of)
+shoes_throughput_table = of_result("throughput_shoes_in_box")(throughput_of)
 
 
 @of_result("pytorch")

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from benchmarks.tables.cells import ROOT
-from benchmarks.tables.costs import pytorch_table, sweeps_table, throughput_table
+from benchmarks.tables.costs import pytorch_table, shoes_throughput_table, sweeps_table, throughput_table
 from benchmarks.tables.human import fidelity_table, human_table
 from benchmarks.tables.markers import names_in, updated
 from benchmarks.tables.match_regions import (
@@ -15,16 +15,17 @@ from benchmarks.tables.match_regions import (
     variants_table,
 )
 from benchmarks.tables.shoes_in_box import discrimination_table, failures_table, subtasks_table, table_2
+from benchmarks.tables.shoes_policies import policies_table
 
 DOCUMENTS: dict[str, dict[str, tuple[Callable[[], str], ...]]] = {
     "README.md": {"headline results": (headline,)},
     "docs/results.md": {
         "results of Table I": (table_1,),
         "results of Match Regions": (success_table, audit_table),
-        "results of throughput": (throughput_table, pytorch_table),
+        "results of throughput": (throughput_table, shoes_throughput_table, pytorch_table),
         "results of Table II": (table_2,),
         "results of variants": (variants_table,),
-        "results of Shoes in Box": (discrimination_table, failures_table, subtasks_table),
+        "results of Shoes in Box": (discrimination_table, failures_table, subtasks_table, policies_table),
         "results of human demonstrations": (human_table, fidelity_table),
         "results of sweeps": (sweeps_table,),
         "results of alphas": (alphas_table,),
@@ -55,5 +56,6 @@ def with_tables(text: str) -> str:
     for name in names_in(text):
         if name not in BLOCKS:
             raise ValueError(f"no tables are called {name!r}; known: {', '.join(BLOCKS)}")
-        text = updated(text, "\n\n".join(table() for table in BLOCKS[name]) + "\n", name)
+        written = filter(None, (table() for table in BLOCKS[name]))
+        text = updated(text, "\n\n".join(written) + "\n", name)
     return text

@@ -6,6 +6,7 @@ from graphrl_jax.experiment.methods import METHODS
 LEFT_OUT = {
     "activity": "no activity (alpha 1)",
     "reconstruction": "no reconstruction",
+    "displacement": "activity by motion between frames",
     "persistence": "activity that does not persist",
     "edges": "no offsets and distances",
 }

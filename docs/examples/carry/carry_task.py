@@ -3,7 +3,7 @@
 A robot moves over a square image to a block. Once it touches the block, it carries it; the goal is a region.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -54,7 +54,7 @@ class Carry(Task):
     def events(self, state: State) -> jax.Array:
         return jnp.linalg.norm(state.pipeline_state.block - GOAL, keepdims=True) < SIZE
 
-    def training(self) -> "Carry":
+    def training(self, starts: Any = None) -> "Carry":
         return self
 
     def image(self, physics: Places, size: int) -> jax.Array:

@@ -1,0 +1,37 @@
+"""The table of policies on Shoes in Box."""
+
+from benchmarks.tables.cells import Result, mean, of_result, percent_interval, table, where
+from graphrl_jax.experiment.methods import METHODS
+
+SHARES = {"lid_open": "lid open", "one_shoe": "at least one shoe in the box"}
+"""Shares of episodes that end so."""
+
+
+def policies_of(result: Result) -> str:
+    """Every reward's policies on unseen layouts, best first, a row per engine; what is missing stands below."""
+    columns = [
+        "reward", "engine of the episodes", "success: both shoes in the box", "95 % interval over seeds",
+        *SHARES.values(), "mean score", "seeds", "control steps of training (M)", "minutes of pretraining and PPO",
+    ]  # fmt: skip
+    rows = []
+    for name, found in sorted(result["methods"].items(), key=_best_success, reverse=True):
+        runs = found["runs"]
+        steps = mean([run["env_steps"] / 1e6 for run in runs])
+        minutes = mean([(run["curve"]["seconds"][-1] + run["pretrain_s"]) / 60 for run in runs])
+        for engine, judged in found["engines"].items():
+            shares = [f"{mean([one[share] for one in judged['runs']]):.1%}" for share in SHARES]
+            interval = percent_interval(judged["success_interval_95"])
+            rows.append(
+                [METHODS[name].label, engine, f"**{judged['success_rate']:.1%}**", interval, *shares,
+                 f"{judged['mean_score']:.3f}", str(len(runs)), f"{steps:.1f}", f"{minutes:.0f}"]
+            )  # fmt: skip
+    missing = ", ".join(f"`{name}`" for name in result["missing"])
+    lacks = f"; still missing: {missing}" if missing else ""
+    return table(columns, rows, f"{result['episodes']} unseen layouts each{lacks} {where(result)}")
+
+
+policies_table = of_result("shoes_in_box_policies")(policies_of)
+
+
+def _best_success(item: tuple[str, Result]) -> float:
+    return max(judged["success_rate"] for judged in item[1]["engines"].values())

@@ -1,0 +1,27 @@
+"""Tables of throughput, from result files of every age."""
+
+from benchmarks.tables import costs
+
+MEASURED = {
+    "steps_per_second": {"physics": 200.0, "ppo_graph": 100.0},
+    "of_physics": {"physics": 1.0, "ppo_graph": 0.5},
+    "compile_s": {"physics": 1.0, "ppo_graph": 2.0},
+    "memory_mib": {"physics": 3.0, "ppo_graph": 4.0},
+}
+ABOUT = {"task": "shoes_in_box", "device": "cpu", "commit": "0123456789", "command": "python -m benchmarks.throughput"}
+RATIOS = {"mujoco": {"physics": 3.0, "ppo_graph": 2.5}}
+
+
+def test_a_file_of_mjx_alone_is_read():
+    text = costs.throughput_of({"batches": [{"num_envs": 4, **MEASURED}], **ABOUT, "task": "match_regions"})
+    assert text.splitlines()[0].startswith("| control steps/s (share of bare physics), by environments | 4 |")
+    assert "| bare `mjx.step`, same scene and sub-steps | 200 (1.00) | 1 | 3 |" in text
+    assert "| PPO, learned reward | 100 (0.50) | 2 | 4 |" in text
+
+
+def test_engines_stand_beside_each_other_with_their_ratio():
+    batch = {"num_envs": 4, "engines": {"mjx": MEASURED, "mujoco": MEASURED}, "of_first_engine": RATIOS}
+    text = costs.throughput_of({"batches": [batch, batch], **ABOUT})
+    assert text.startswith("| Shoes in Box: control steps/s")
+    assert "| mujoco: bare `mujoco.batch`, same scene and sub-steps | 200 (1.00) | 200 (1.00) | 1 | 3 |" in text
+    assert "| PPO, learned reward: mujoco / mjx | 2.50 | 2.50 | | |" in text
