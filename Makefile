@@ -2,16 +2,19 @@
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: train test test-slow lint smoke docs clean
+.PHONY: train test test-slow test-study lint smoke docs clean
 
 train: .venv/installed
 	$(BIN)/python train.py $(ARGS)
 
 test: .venv/installed
-	$(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not slow"
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not slow and not study"
 
 test-slow: .venv/installed
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile -m slow
+
+test-study: .venv/installed
+	$(BIN)/python -m pytest -q -n 2 --dist loadfile -m study
 
 lint: .venv/installed
 	$(BIN)/ruff check .

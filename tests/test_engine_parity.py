@@ -60,7 +60,7 @@ def advance(engine: str, strength: float) -> Callable:
     return jit_physics(jax.vmap(task.advance))
 
 
-@pytest.mark.slow
+@pytest.mark.study
 @pytest.mark.parametrize(
     "strength, speed, joints, lid, shoes",
     [

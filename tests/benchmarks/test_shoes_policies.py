@@ -41,7 +41,7 @@ def test_a_policy_is_judged_by_the_last_frames_of_its_episodes(monkeypatch):
     assert found == {"training_seed": 3, "success_rate": 0.25, "mean_score": 0.5, "lid_open": 0.75, "one_shoe": 0.5}
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_the_whole_benchmark_in_miniature(tmp_path):
     options = Options(preset="smoke", methods=("env",), seeds=(0,), updates=1, runs=tmp_path)
     shoes_policies.write_report(options)

@@ -144,7 +144,7 @@ def test_registered_tasks_take_an_engine():
     assert set(ENGINES) == {"mjx", "mujoco", "warp"}
 
 
-@pytest.mark.slow
+@pytest.mark.study
 def test_warp_moves_alike_where_its_package_is(engines):
     pytest.importorskip("warp")
     ctrl = jnp.array([[-0.5], [-2.0]])

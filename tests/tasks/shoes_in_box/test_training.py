@@ -92,7 +92,7 @@ def trained_on(engine: str, starts: Starts, alpha: float, seed: int, learning_ra
     return ppo.train_chunk(CONFIG, make_env, PPOHyper(learning_rate=learning_rate), inputs, state, 1)[1]
 
 
-@pytest.mark.parametrize("engine", ["mujoco", pytest.param("mjx", marks=pytest.mark.slow)])
+@pytest.mark.parametrize("engine", ["mujoco", pytest.param("mjx", marks=pytest.mark.study)])
 def test_other_starts_encoders_seeds_and_learning_rates_compile_nothing(engine):
     lengths, contacts = np.array([30, 20]), np.array([[10, 20, 25], [5, 10, 15]])
     tables = [numbered_starts(state, lengths, contacts, 30) for state in (BESIDE, INSIDE)]
