@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from jax.stages import Wrapped
 
 from graphrl_jax.experiment import batching, sharding
 from graphrl_jax.experiment.environments import TrainingParams, training_environment_of
@@ -81,10 +82,11 @@ class _Programs:
         settings = jobs[0].settings
         self.config, self.updates = settings.ppo_config, settings.updates
         self.chunk = min(settings.updates_per_chunk, settings.updates)
+        make_starts = jit_physics(task.training_starts)  # one program for all jobs
         self.inputs = [
             _Inputs(
                 as_float32(job.settings.ppo),
-                TrainingParams(as_float32(job.reward_params), _starts(task, job)),
+                TrainingParams(as_float32(job.reward_params), _starts(make_starts, job)),
                 stage_key(job.settings.seed, RunStage.POLICY),
             )
             for job in jobs
@@ -104,13 +106,13 @@ class _Programs:
         return make_updates(updates).lower(hyper, params, init.eval_shape(params, key)).compile()
 
 
-def _starts(task: Task, job: PolicyJob) -> Any:
-    """The task's training starts for a run, kept in its folder: another machine would resume from others."""
+def _starts(make_starts: Wrapped, job: PolicyJob) -> Any:
+    """The training starts of a run, kept in its folder: another machine would resume from others."""
     kept, settings = job.run.path / "starts.npz", job.settings
     inputs = stage_key(settings.seed, RunStage.STARTS), pooling_params(settings.pretrain_config, settings.pretrain)
     if kept.exists():
-        return load_tree(kept, jax.eval_shape(task.training_starts, *inputs))
-    starts = jit_physics(task.training_starts)(*inputs)
+        return load_tree(kept, make_starts.eval_shape(*inputs))
+    starts = make_starts(*inputs)
     if starts is not None:
         save_tree(kept, starts)
     return starts
