@@ -110,6 +110,15 @@ class Task(Env):
         """
         return None
 
+    def restart(self, rng: jax.Array, last: State) -> State:
+        """The start of the next training episode, which may depend on how the one before ended.
+
+        Args:
+          rng: randomness.
+          last: the state that ended the episode before. What it should remember lies in its `info`.
+        """
+        return self.reset(rng)
+
     @abstractmethod
     def training(self, starts: Any = None) -> "Task":
         """The same task with the reset distribution of policy training.

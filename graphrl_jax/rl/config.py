@@ -30,6 +30,8 @@ class PPOConfig:
       activation: activation of the hidden layers of both networks.
       initial_std: standard deviation of the policy's normal distribution at the start, before the tanh.
       progress: pay the change of the reward from step to step (see `wrappers.Progress`).
+      patience: with `progress`, a training episode ends after so many control steps without a better reward; 0 for
+        never.
       normalise_reward: divide the reward by the running standard deviation of the discounted returns.
       stagger_episodes: start the first episodes at random step counts.
 
@@ -48,6 +50,7 @@ class PPOConfig:
     activation: Activation = "tanh"
     initial_std: float = 0.6065
     progress: bool = False
+    patience: int = 0
     normalise_reward: bool = True
     stagger_episodes: bool = True
 
@@ -56,6 +59,10 @@ class PPOConfig:
         for name in sizes:
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}; allowed: 1 or more")
+        if self.patience < 0:
+            raise ValueError(f"patience is {self.patience}; allowed: 0 or more")
+        if self.patience and not self.progress:
+            raise ValueError(f"patience is {self.patience} without progress; allowed: 0")
         for name, part in (("num_envs", "num_minibatches"), ("episode_length", "decision_steps")):
             value, least = getattr(self, name), getattr(self, part)
             if value % least:

@@ -22,8 +22,28 @@ from graphrl_jax.graph import ActivityState, begin_activity, build_graph, update
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.rl.config import PPOConfig
 
+# A reward counts as better than the best one so far if it is higher by this.
+_BETTER = 0.01
 
-class EnvironmentReward(Wrapper):
+
+class _Wrapper(Wrapper):
+    """A wrapper that treats the starts of all episodes alike."""
+
+    def reset(self, rng: jax.Array) -> State:
+        return self.begin(self.env.reset(rng))
+
+    def restart(self, rng: jax.Array, last: State) -> State:
+        """The start of the next training episode after one that ended in the state `last`."""
+        # Environments that are not tasks may have none.
+        restart = getattr(self.env, "restart", None)
+        return self.begin(restart(rng, last) if restart else self.env.reset(rng))
+
+    def begin(self, state: State) -> State:
+        """The start of an episode, with what this wrapper adds."""
+        return state
+
+
+class EnvironmentReward(_Wrapper):
     """Keeps the task's own reward and adds activity flags to the observation.
 
     `info` holds the last frame and its `ActivityState`, which is the input of the next step:
@@ -51,8 +71,7 @@ class EnvironmentReward(Wrapper):
     def observation_size(self) -> int:
         return self.env.observation_size + self.env.objects.num_slots
 
-    def reset(self, rng: jax.Array) -> State:
-        state = self.env.reset(rng)
+    def begin(self, state: State) -> State:
         boxes, mask = self.env.boxes(state)
         activity = begin_activity(boxes, mask, state.info.get("active"))
         return self._with_activity(state, {}, boxes, mask, activity)
@@ -91,9 +110,8 @@ class GraphReward(EnvironmentReward):
         super().__init__(env, model.pooling)
         self.model = model
 
-    def reset(self, rng: jax.Array) -> State:
-        state = super().reset(rng)
-        return self._with_reward(state, jnp.zeros(()), jnp.zeros(()))
+    def begin(self, state: State) -> State:
+        return self._with_reward(super().begin(state), jnp.zeros(()), jnp.zeros(()))
 
     def step(self, state: State, action: jax.Array) -> State:
         state = super().step(state, action)
@@ -125,7 +143,7 @@ WRAPPERS: dict[str, type[EnvironmentReward]] = {
 """Reward wrappers by the input of the reward (`methods.Needs`)."""
 
 
-class Episode(Wrapper):
+class Episode(_Wrapper):
     """Ends the episode after `episode_length` steps and sums its reward.
 
     Brax's own wrapper sizes its counters by `rng.shape[:-1]`, which is wrong for typed keys; this one is unbatched.
@@ -138,8 +156,7 @@ class Episode(Wrapper):
         super().__init__(env)
         self.episode_length = episode_length
 
-    def reset(self, rng: jax.Array) -> State:
-        state = self.env.reset(rng)
+    def begin(self, state: State) -> State:
         zero = jnp.zeros((), jnp.float32)
         return self._with_counters(state, {}, jnp.zeros((), jnp.int32), zero, zero)
 
@@ -162,8 +179,8 @@ class Episode(Wrapper):
         return state.replace(info={**info, **state.info, **counters}, metrics={**state.metrics, **outcome})
 
 
-class Progress(Wrapper):
-    """Pays the change of the reward from step to step instead of the reward.
+class Progress(_Wrapper):
+    """Pays the change of the reward from step to step instead of the reward, and ends an episode without progress.
 
     The best policies are the same, because up to a factor this is shaping by the potential r(s) / (1 - gamma), the
     value of staying in s (Ng et al., "Policy invariance under reward transformations", 1999):
@@ -173,24 +190,47 @@ class Progress(Wrapper):
     The value network then learns only what changes; otherwise its errors about what stays the same hide what an action
     does. The first step of an episode pays 0, because a reset computes no reward.
 
-    `info`: `last_reward` () float32 and `first` () bool.
+    An episode that is stuck or finished teaches little, so it ends. It counts as ended for good and not as cut off:
+    what is left to gain is 0, and a value network that learns it only from its own guesses diverges.
+
+    `info`: `last_reward` and `best_reward` () float32, the latter -inf before the first step; `stuck` () int32, steps
+    since the best reward.
+
+    Args:
+      env: an environment with time limit.
+      patience: the episode ends after so many steps without a better reward; 0 for never.
     """
 
-    def reset(self, rng: jax.Array) -> State:
-        state = self.env.reset(rng)
-        return self._remember(state, {}, jnp.zeros(()), jnp.ones((), bool))
+    def __init__(self, env: Env, patience: int = 0):
+        super().__init__(env)
+        self.patience = patience
+
+    def begin(self, state: State) -> State:
+        return self._remember(state, {}, jnp.zeros(()), jnp.full((), -jnp.inf), jnp.zeros((), jnp.int32))
 
     def step(self, state: State, action: jax.Array) -> State:
         before = state.info
         state = self.env.step(state, action)
-        change = jnp.where(before["first"], 0.0, state.reward - before["last_reward"])
-        return self._remember(state, before, state.reward, jnp.zeros((), bool)).replace(reward=change)
+        first = jnp.isneginf(before["best_reward"])
+        better = state.reward > before["best_reward"] + _BETTER
+        best = jnp.where(better, state.reward, before["best_reward"])
+        stuck = jnp.where(better, 0, before["stuck"] + 1)
+        change = jnp.where(first, 0.0, state.reward - before["last_reward"])
+        state = self._remember(state, before, state.reward, best, stuck).replace(reward=change)
+        if not self.patience:
+            return state
+        over = stuck >= self.patience
+        truncation = jnp.where(over, 0.0, state.info["truncation"])
+        return state.replace(done=jnp.where(over, 1.0, state.done), info={**state.info, "truncation": truncation})
 
-    def _remember(self, state: State, info: dict[str, Any], reward: jax.Array, first: jax.Array) -> State:
-        return state.replace(info={**info, **state.info, "last_reward": reward, "first": first})
+    def _remember(
+        self, state: State, info: dict[str, Any], reward: jax.Array, best: jax.Array, stuck: jax.Array
+    ) -> State:
+        remembered = {"last_reward": reward, "best_reward": best, "stuck": stuck}
+        return state.replace(info={**info, **state.info, **remembered})
 
 
-class Decisions(Wrapper):
+class Decisions(_Wrapper):
     """The policy decides once in `steps` control steps; its action is held, and the rewards in between are summed.
 
     Activity, reward and time limit, all inside this wrapper, are still those of every control step. The episode's
@@ -239,7 +279,7 @@ class AutoReset(Wrapper):
         known = {name: value for name, value in state.metrics.items() if name != "bad_envs"}
         before = state.replace(done=jnp.zeros_like(state.done), metrics=known)
         state = _without_bad(self.env.step(before, action))
-        fresh = self.env.reset(fresh_key)
+        fresh = self.env.restart(fresh_key, state)
 
         def choose(new: Any, old: Any) -> Any:
             return jax.tree.map(lambda a, b: jnp.where(state.done > 0, a, b), new, old)
@@ -282,7 +322,8 @@ def vectorise(env: Env, config: PPOConfig) -> Wrapper:
     `reset` takes keys (B,) and `step` a batched state and actions (B, A).
     """
     limited = Episode(env, config.episode_length)
-    return VmapWrapper(AutoReset(_deciding(Progress(limited) if config.progress else limited, config)))
+    paid = Progress(limited, config.patience) if config.progress else limited
+    return VmapWrapper(AutoReset(_deciding(paid, config)))
 
 
 def _deciding(env: Env, config: PPOConfig) -> Env:

@@ -24,7 +24,7 @@ from tasks.shoes_in_box.model import CONTROL_DT, FINGER_OPEN, Physics, build_mod
 from tasks.shoes_in_box.objects import OBJECTS
 from tasks.shoes_in_box.observation import observe
 from tasks.shoes_in_box.reward import environment_reward
-from tasks.shoes_in_box.starts import Mixture, Start, Starts, draw
+from tasks.shoes_in_box.starts import Curriculum, Mixture, Start, Starts, adapt, begin, draw
 from tasks.shoes_in_box.state import EVENT_NAMES, PhysicsState, events, score, success
 
 SPEED, TURN_RATE = 0.4, 2.0
@@ -92,7 +92,16 @@ class ShoesInBoxEnv(Env):
         self._box_body = mujoco.mj_name2id(self.mj_model, mujoco.mjtObj.mjOBJ_BODY, "box")
 
     def reset(self, rng: jax.Array) -> State:
-        layout_key, frame_key, start_key, choice_key = jax.random.split(rng, 4)
+        return self._begin(rng, None if self.starts is None else begin(self.mixture))
+
+    def restart(self, rng: jax.Array, last: State) -> State:
+        """The start of the next training episode; see `starts.Curriculum`."""
+        if self.starts is None:
+            return self.reset(rng)
+        return self._begin(rng, adapt(last.info["curriculum"], self.mixture, last.pipeline_state))
+
+    def _begin(self, rng: jax.Array, curriculum: Curriculum | None) -> State:
+        layout_key, frame_key, start_key = jax.random.split(rng, 3)
         qpos, box = self.layout.sample(layout_key)
         still = jnp.zeros(self.mj_model.nv)
         arm = qpos[:7]
@@ -100,13 +109,13 @@ class ShoesInBoxEnv(Env):
         finger, touched = jnp.asarray(FINGER_OPEN), jnp.zeros(2, bool)
         physics = PhysicsState(qpos, still, still, kinematics.pose(arm), arm, finger, box, touched, frame)
         start = Start(physics, jnp.zeros(OBJECTS.num_slots, bool))
-        if self.starts is not None:
-            later = draw(start_key, self.mixture, self.starts)
-            first = jax.random.bernoulli(choice_key, self.mixture.from_start)
-            start = jax.tree.map(lambda old, new: jnp.where(first, old, new), start, later)
         zero = jnp.zeros((), jnp.float32)
-        metrics = {"success": zero, "score": zero}
-        return State(start.physics, observe(start.physics), zero, zero, metrics, {"active": start.active})
+        metrics, info = {"success": zero, "score": zero}, {}
+        if self.starts is not None and curriculum is not None:
+            start, curriculum = draw(start_key, self.mixture, self.starts, curriculum, start)
+            metrics, info = {**metrics, "lead": jnp.mean(curriculum.leads)}, {"curriculum": curriculum}
+        info["active"] = start.active
+        return State(start.physics, observe(start.physics), zero, zero, metrics, info)
 
     def step(self, state: State, action: jax.Array) -> State:
         physics = self.advance(state.pipeline_state, action)

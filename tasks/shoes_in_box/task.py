@@ -19,15 +19,16 @@ from tasks.shoes_in_box.training import make_starts
 
 _PPO = {
     "unroll_length": 10,
-    "episode_length": 160,
     "initial_std": 0.4,
     "progress": True,
+    "patience": 60,
+    "activation": "swish",
     "policy_hidden": (256, 256),
     "value_hidden": (256, 256),
     "learning_rate": 4e-4,
     "final_learning_rate": 1e-4,
     "discount": 0.97,
-    "entropy_cost": 0.001,
+    "entropy_cost": 0.006,
 }
 
 
@@ -39,7 +40,7 @@ class ShoesInBox(ShoesInBoxEnv, Task):
     pretrain_overrides: Mapping[str, float] = MappingProxyType({"robot_messages": 0.0, "alpha": 4.0, "approach": 0.02})
     training_sizes: Mapping[str, TrainingSize] = MappingProxyType(
         {
-            "cpu": TrainingSize(900, _PPO | {"num_envs": 512, "num_minibatches": 8}),
+            "cpu": TrainingSize(500, _PPO | {"num_envs": 512, "num_minibatches": 8}),
             "gpu": TrainingSize(340, _PPO | {"num_envs": 2048, "num_minibatches": 32, "learning_rate": 3e-4}),
         }
     )

@@ -7,28 +7,27 @@ from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.graph import activity
 from tasks.shoes_in_box import expert
 from tasks.shoes_in_box.env import ShoesInBoxEnv
-from tasks.shoes_in_box.starts import Starts, contacts_of
+from tasks.shoes_in_box.starts import Starts, ends_of
 from tasks.shoes_in_box.state import success
 
 EPISODES = 64
-# Frames after the last motion of an episode: a policy has to learn to leave what is done alone.
-_TAIL = 20
 
 
 def make_starts(task: ShoesInBoxEnv, key: jax.Array, pooling: PoolingParams) -> Starts:
-    """Runs the expert on `EPISODES` layouts; an episode that fails is replaced by one that succeeds; not compiled.
+    """Runs the expert on `EPISODES` layouts; not compiled.
+
+    An episode that fails is replaced by one that succeeds. If none succeeds, the starts are along failures.
 
     Args:
       task: the environment.
       key: randomness.
       pooling: `tau` and `activity` define activity.
     """
-    states, busy = expert.episodes(task, key, jnp.zeros(EPISODES, jnp.int32))
+    states, _ = expert.episodes(task, key, jnp.zeros(EPISODES, jnp.int32))
     solved = jax.vmap(success)(jax.tree.map(lambda leaf: leaf[:, -1], states))
     # The successes first, again from the first one when they are used up.
     chosen = jnp.argsort(~solved)[jnp.arange(EPISODES) % jnp.maximum(jnp.sum(solved), 1)]
-    states, busy = jax.tree.map(lambda leaf: leaf[chosen], (states, busy))
+    states = jax.tree.map(lambda leaf: leaf[chosen], states)
     boxes, mask, _ = expert.seen(task, states)
     active = jax.vmap(lambda *frames: activity(*frames, pooling.tau, pooling.activity))(boxes, mask)
-    lengths = jnp.minimum(busy + _TAIL, states.qpos.shape[1])
-    return Starts(states, active, lengths, jax.vmap(contacts_of)(states))
+    return Starts(states, active, jax.vmap(ends_of)(states))

@@ -25,11 +25,11 @@ def repeated(state: PhysicsState, *shape: int) -> PhysicsState:
     return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (*shape, *leaf.shape)), state)
 
 
-def numbered_starts(start: PhysicsState, lengths: np.ndarray, contacts: np.ndarray, frames: int) -> Starts:
+def numbered_starts(start: PhysicsState, ends: np.ndarray, frames: int) -> Starts:
     """A made-up table: state t of episode d has the frame number 1000 d + t and the lid at (1000 d + t) / 10^4;
     slot n is active from frame 5 n + 1 on."""
-    number = 1000 * np.arange(len(lengths))[:, None] + np.arange(frames)
-    states = repeated(start, len(lengths), frames)
+    number = 1000 * np.arange(len(ends))[:, None] + np.arange(frames)
+    states = repeated(start, len(ends), frames)
     states = states._replace(qpos=states.qpos.at[..., 9].set(number / 1e4), frame=jnp.asarray(number, jnp.uint32))
     active = np.stack([number % 1000 > 5 * slot for slot in range(5)], axis=-1)
-    return Starts(states, jnp.asarray(active), jnp.asarray(lengths), jnp.asarray(contacts))
+    return Starts(states, jnp.asarray(active), jnp.asarray(ends))

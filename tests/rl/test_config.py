@@ -14,6 +14,8 @@ from graphrl_jax.rl.config import ACTIVATIONS, PPOConfig
         ("decision_steps", 0, "decision_steps is 0; allowed: 1 or more"),
         ("decision_steps", 7, r"episode_length is 120; allowed: a multiple of decision_steps \(7\)"),
         ("initial_std", 0.001, "initial_std is 0.001; allowed: above 0.001"),
+        ("patience", -1, "patience is -1; allowed: 0 or more"),
+        ("patience", 60, "patience is 60 without progress; allowed: 0"),
         ("activation", "tanhh", "activation is 'tanhh'; allowed: .*tanh"),
     ],
 )

@@ -166,7 +166,7 @@ def test_progress_pays_what_the_reward_has_gained_since_the_last_step(reward):
         gained = plain.reward[last] - plain.reward[first]
         np.testing.assert_allclose(states.reward[first : last + 1].sum(0), gained, atol=1e-5)
     assert np.ptp(plain.reward[1:5], axis=0).max() > 0.2
-    np.testing.assert_array_equal(states.info["first"][:, 0], [1, 0, 0, 0] * 3)
+    np.testing.assert_array_equal(np.isneginf(states.info["best_reward"][:, 0]), [1, 0, 0, 0] * 3)
 
 
 @pytest.mark.parametrize("steps", [1, 2])
@@ -179,6 +179,54 @@ def test_progress_changes_nothing_but_what_is_paid(steps):
         np.testing.assert_array_equal(states.metrics[name], values, err_msg=name)
     for name, values in plain.info.items():
         jax.tree.map(np.testing.assert_array_equal, states.info[name], values)
+
+
+@pytest.mark.parametrize("patience", [0, 3])
+def test_an_episode_without_progress_ends_for_good_once_patience_is_over(patience):
+    config = replace(CONFIG, episode_length=12, progress=True, patience=patience, stagger_episodes=False)
+    states = rollout("environment", config=config)
+    # The first step is the best so far; without a better one the episode ends three steps later.
+    ends = np.isin(np.arange(12), [4, 8]) if patience else np.zeros(12, bool)
+    np.testing.assert_array_equal(states.done[:, 0] > 0, ends)
+    assert not states.done[:, 1:].any()
+    assert not states.info["truncation"].any()
+
+
+def test_an_episode_that_is_stuck_at_its_time_limit_has_ended_for_good():
+    states = rollout("environment", config=replace(CONFIG, progress=True, patience=3))
+    np.testing.assert_array_equal(states.done[EPISODE_LENGTH], 1)
+    np.testing.assert_array_equal(states.info["truncation"][EPISODE_LENGTH], [0, 1, 1])
+
+
+def test_patience_counts_control_steps_and_can_end_a_decision_early():
+    config = replace(CONFIG, episode_length=12, progress=True, patience=2, decision_steps=4)
+    states = rollout("environment", config=config)
+    np.testing.assert_array_equal(states.done[1], [1, 0, 0])
+    np.testing.assert_array_equal(states.metrics["episode_length"][1], [3, 4, 4])
+
+
+class Remembering(SlidingBoxes):
+    """An episode starts with the second box where the first one was at the end of the episode before."""
+
+    def restart(self, rng: jax.Array, last: State) -> State:
+        places = self.reset(rng).pipeline_state[0].at[1].set(last.pipeline_state[0][0])
+        return self._state(places, jnp.zeros((), jnp.int32), jnp.zeros(()))
+
+
+@pytest.mark.parametrize("config", [CONFIG, replace(CONFIG, progress=True, decision_steps=2)])
+def test_a_task_may_start_an_episode_by_how_the_one_before_ended(config):
+    env = vectorise(GraphReward(Remembering(), MODEL), config)
+    state = jax.jit(env.reset)(jax.random.split(jax.random.key(0), NUM_ENVS))
+    step = jax.jit(env.step)
+    for _ in range(EPISODE_LENGTH // config.decision_steps):
+        first = state.pipeline_state[0][:, 0]
+        state = step(state, jnp.ones((NUM_ENVS, 1)))
+    np.testing.assert_array_equal(state.done, 1)
+    found = state.pipeline_state[0]
+    np.testing.assert_allclose(found[:, 1], first + 0.1 * config.decision_steps, atol=1e-6)
+    # What the wrappers add is that of a new episode.
+    np.testing.assert_array_equal(state.info["boxes"][:, 1, 0], found[:, 1])
+    assert (state.info["steps"] == 0).all() and not state.info["active"].any()
 
 
 @pytest.mark.parametrize("progress", [False, True])

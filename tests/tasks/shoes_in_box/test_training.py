@@ -33,15 +33,14 @@ def table(monkeypatch) -> Starts:
     beside, inside = repeated(BESIDE, 4, 40), repeated(INSIDE, 4, 40)
     done = (np.arange(40) >= 30) & np.array([0, 1, 0, 1], bool)[:, None]
     states = jax.tree.map(lambda a, b: jnp.where(done.reshape(4, 40, *[1] * (a.ndim - 2)), b, a), beside, inside)
-    # The second episode opens the lid in frame 7, and touches the shoes in frames 12 and 20.
+    # The second episode opens the lid in frame 7, and lets go of a shoe in frame 34.
     states = states._replace(
         qpos=states.qpos.at[1, 7:, 9].set(2.0),
-        touched=states.touched.at[1, 12, 0].set(True).at[1, 20, 1].set(True),
+        touched=states.touched.at[1, 30:34, 0].set(True),
         frame=jnp.broadcast_to(jnp.arange(4, dtype=jnp.uint32)[:, None], (4, 40)),
     )
-    busy = jnp.array([40, 33, 40, 11])
     monkeypatch.setattr(training, "EPISODES", 4)
-    monkeypatch.setattr(expert, "episodes", lambda task, key, kinds: (states, busy))
+    monkeypatch.setattr(expert, "episodes", lambda task, key, kinds: (states, jnp.full(4, 40)))
     return training.make_starts(TASK, jax.random.key(0), PoolingParams())
 
 
@@ -50,13 +49,8 @@ def test_only_successes_are_kept_and_fill_the_table(table):
     assert jax.vmap(success)(jax.tree.map(lambda leaf: leaf[:, -1], table.states)).all()
 
 
-def test_an_episode_goes_on_a_little_after_its_last_motion(table):
-    # 20 frames, and no longer than the episode.
-    np.testing.assert_array_equal(table.lengths, [40, 31, 40, 31])
-
-
-def test_contacts_and_activity_are_those_of_the_episode(table):
-    np.testing.assert_array_equal(table.contacts[0], [7, 12, 20])
+def test_ends_of_jobs_and_activity_are_those_of_the_episode(table):
+    np.testing.assert_array_equal(table.ends[:2], [[7, 30, 34], [30, 30, 30]])
     active = np.asarray(table.active[0])
     np.testing.assert_array_equal(active[:, LID], np.arange(40) >= 7)
     np.testing.assert_array_equal(active[:, [SHOE_1, SHOE_2]].T, [np.arange(40) >= 30] * 2)
@@ -94,8 +88,8 @@ def trained_on(engine: str, starts: Starts, alpha: float, seed: int, learning_ra
 
 @pytest.mark.parametrize("engine", ["mujoco", pytest.param("mjx", marks=pytest.mark.study)])
 def test_other_starts_encoders_seeds_and_learning_rates_compile_nothing(engine):
-    lengths, contacts = np.array([30, 20]), np.array([[10, 20, 25], [5, 10, 15]])
-    tables = [numbered_starts(state, lengths, contacts, 30) for state in (BESIDE, INSIDE)]
+    ends = np.array([[10, 20, 25], [5, 10, 15]])
+    tables = [numbered_starts(state, ends, 30) for state in (BESIDE, INSIDE)]
     found = [trained_on(engine, tables[0], 1.0, 0, 1e-3)]
     count = len(TRACES)
     found += [trained_on(engine, tables[1], 1.0, 0, 1e-3), trained_on(engine, tables[1], 8.0, 0, 1e-3)]
