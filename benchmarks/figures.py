@@ -1,8 +1,11 @@
 """What the benchmarks' figures share. Matplotlib's figure objects alone: no display is needed."""
 
+import shutil
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+import imageio.v3 as imageio
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -41,3 +44,18 @@ def learning_curves(runs: Sequence[Path], labels: Mapping[str, str], path: Path)
         plain(axes)
     figure.axes[0].legend(frameon=False, fontsize=8)
     save(figure, path)
+
+
+def film(run: Path, frames: Sequence[int], path: Path) -> None:
+    """Copies a run's video, and puts frames of its first episode side by side in a PNG, the scene alone.
+
+    Args:
+      run: folder.
+      frames: their numbers.
+      path: of both files, without suffix.
+    """
+    video = run / "rollout.mp4"
+    images = imageio.imread(video)
+    scenes = np.concatenate([images[frame, :, : images.shape[2] // 2] for frame in frames], axis=1)
+    write_atomically(path.with_suffix(".png"), lambda temporary: imageio.imwrite(temporary, scenes))
+    write_atomically(path.with_suffix(".mp4"), lambda temporary: shutil.copyfile(video, temporary))

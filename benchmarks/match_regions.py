@@ -7,23 +7,20 @@ Learned rewards are audited besides, on landscapes and trajectories that no trai
 frames of it and, for a learned reward, its exploits and landscape as PNGs.
 """
 
-import shutil
 from dataclasses import dataclass
 from pathlib import Path
 
-import imageio.v3 as imageio
-import numpy as np
 import tyro
 
 from benchmarks.context import RESULTS, measured_on
 from benchmarks.exploits import exploit_figure, landscape_figure, unseen_trajectories
-from benchmarks.figures import learning_curves
+from benchmarks.figures import film, learning_curves
 from benchmarks.finished import judge_run, together
 from graphrl_jax.experiment.checkpoints import load_run
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.runtime import configure
-from graphrl_jax.storage import write_atomically, write_json
+from graphrl_jax.storage import write_json
 
 KEPT = ("env_steps", "train_steps_per_s", "wall_s", "compile_s", "training_seed", "resumed", "device")
 CURVES = {
@@ -31,6 +28,8 @@ CURVES = {
     "learned_reward": "learned reward, mean per step",
     "env_reward": "environmental reward, mean per step",
 }
+FRAMES = (4, 18, 34, 50, 110)
+"""Frames of an episode that are shown."""
 
 
 @dataclass(frozen=True)
@@ -48,13 +47,6 @@ class Options:
     runs: tyro.conf.Positional[tuple[Path, ...]]
     episodes: int = 256
     seed: int = 7
-
-
-def film_strip(run: Path, path: Path, frames: tuple[int, ...] = (4, 18, 34, 50, 110)) -> None:
-    """Frames of the first episode of a run's video, the scene alone, side by side."""
-    video = imageio.imread(run / "rollout.mp4")
-    scenes = [video[frame, :, : video.shape[2] // 2] for frame in frames]
-    write_atomically(path, lambda temporary: imageio.imwrite(temporary, np.concatenate(scenes, axis=1)))
 
 
 def main() -> None:
@@ -75,9 +67,7 @@ def main() -> None:
     name = f"match_regions_{options.name}"
     write_json(RESULTS / f"{name}.json", {**results, **where})
     learning_curves(options.runs, CURVES, RESULTS / f"{name}.png")
-    film_strip(options.runs[0], RESULTS / f"{name}_rollout.png")
-    video = options.runs[0] / "rollout.mp4"
-    write_atomically(RESULTS / f"{name}_rollout.mp4", lambda temporary: shutil.copyfile(video, temporary))
+    film(options.runs[0], FRAMES, RESULTS / f"{name}_rollout")
     if unseen is not None:
         exploit_figure(reward, unseen, RESULTS / f"{name}_exploits.png")
         landscape_figure(task, reward, options.seed, RESULTS / f"{name}_landscape.png")

@@ -11,7 +11,8 @@ Of training the table says only how long it took: its episodes start along the e
 solved says nothing about the layout's own starts. The figure shows their success and score, a line per run.
 
 Writes shoes_in_box_policies.json and its figure to `benchmarks/results` (smoke: to `--runs`; gpu:
-shoes_in_box_policies_gpu), from all finished members; `missing` names those that the whole table still lacks.
+shoes_in_box_policies_gpu), from all finished members; `missing` names those that the whole table still lacks. Beside
+them lie the video of the first `graph` member and a few frames of it.
 """
 
 from collections.abc import Mapping
@@ -26,7 +27,7 @@ import tyro
 from benchmarks import members
 from benchmarks.checks import refuse_unknown
 from benchmarks.context import RESULTS, measured_on
-from benchmarks.figures import learning_curves
+from benchmarks.figures import film, learning_curves
 from benchmarks.finished import together
 from graphrl_jax.experiment.checkpoints import load_run
 from graphrl_jax.experiment.evaluation import unseen_episodes
@@ -50,6 +51,8 @@ SEEDS = {
 EPISODES = {"smoke": 4, "cpu": 256, "gpu": 256}
 KEPT = ("training_seed", "env_steps", "train_steps_per_s", "wall_s", "resumed", "device")
 CURVES = {"success": "success, training episodes", "score": "score, training episodes"}
+FRAMES = (0, 30, 55, 85, 120, 155)
+"""Frames of an episode that are shown."""
 
 
 @dataclass(frozen=True)
@@ -177,6 +180,8 @@ def write_report(options: Options) -> None:
     name = "shoes_in_box_policies_gpu" if options.preset == "gpu" else "shoes_in_box_policies"
     write_json(results / f"{name}.json", report)
     learning_curves([path for paths in found.values() for path in paths], CURVES, results / f"{name}.png")
+    if "graph" in found:
+        film(found["graph"][0], FRAMES, results / f"{name}_rollout")
     print(f"missing: {', '.join(report['missing']) or 'nothing'}; written: {results / name}.json")
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from brax.envs.base import Env, State, Wrapper
 from brax.envs.wrappers.training import VmapWrapper
 
@@ -22,8 +23,9 @@ from graphrl_jax.graph import ActivityState, begin_activity, build_graph, update
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.rl.config import PPOConfig
 
-# A reward counts as better than the best one so far if it is higher by this.
+# A reward counts as better than the best one so far if it is higher by this; before the first step, any reward does.
 _BETTER = 0.01
+_NO_REWARD = float(np.finfo(np.float32).min)
 
 
 class _Wrapper(Wrapper):
@@ -193,8 +195,7 @@ class Progress(_Wrapper):
     An episode that is stuck or finished teaches little, so it ends. It counts as ended for good and not as cut off:
     what is left to gain is 0, and a value network that learns it only from its own guesses diverges.
 
-    `info`: `last_reward` and `best_reward` () float32, the latter -inf before the first step; `stuck` () int32, steps
-    since the best reward.
+    `info`: `last_reward` and `best_reward` () float32; `stuck` () int32, steps since the best reward.
 
     Args:
       env: an environment with time limit.
@@ -206,12 +207,12 @@ class Progress(_Wrapper):
         self.patience = patience
 
     def begin(self, state: State) -> State:
-        return self._remember(state, {}, jnp.zeros(()), jnp.full((), -jnp.inf), jnp.zeros((), jnp.int32))
+        return self._remember(state, {}, jnp.zeros(()), jnp.full((), _NO_REWARD), jnp.zeros((), jnp.int32))
 
     def step(self, state: State, action: jax.Array) -> State:
         before = state.info
         state = self.env.step(state, action)
-        first = jnp.isneginf(before["best_reward"])
+        first = before["best_reward"] == _NO_REWARD
         better = state.reward > before["best_reward"] + _BETTER
         best = jnp.where(better, state.reward, before["best_reward"])
         stuck = jnp.where(better, 0, before["stuck"] + 1)
@@ -256,9 +257,10 @@ class AutoReset(Wrapper):
     """Starts a new episode as soon as one is done.
 
     Brax's own wrapper replays one cached first state and does not change `info`. Here every reset draws a new state
-    with a key from `info["reset_key"]`, and physics state, observation and `info` are those of the new episode. The
-    results of the last step remain: `reward`, `done`, `metrics` and `info["truncation"]`. At done = 1 the metrics are
-    therefore those of the finished episode's last state. `info["step_metrics"]` is a copy of them.
+    with a key from `info["reset_key"]`, if the task wants by how the episode ended (`Task.restart`). Physics state,
+    observation and `info` are those of the new episode. The results of the last step remain: `reward`, `done`,
+    `metrics` and `info["truncation"]`. At done = 1 the metrics are therefore those of the finished episode's last
+    state. `info["step_metrics"]` is a copy of them.
 
     A state that is not finite, as when physics diverges, ends its episode as if by the time limit, with reward 0 and
     metrics 0. Otherwise one such environment would spoil the parameters of all. Metric: `bad_envs`, 1 in such a step.

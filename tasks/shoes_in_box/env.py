@@ -10,6 +10,8 @@ a second.
 Success: the centres of both shoes are inside the box, and no pad touches a shoe.
 """
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import mujoco
@@ -110,16 +112,18 @@ class ShoesInBoxEnv(Env):
         physics = PhysicsState(qpos, still, still, kinematics.pose(arm), arm, finger, box, touched, frame)
         start = Start(physics, jnp.zeros(OBJECTS.num_slots, bool))
         zero = jnp.zeros((), jnp.float32)
-        metrics, info = {"success": zero, "score": zero}, {}
+        info = {}
         if self.starts is not None and curriculum is not None:
             start, curriculum = draw(start_key, self.mixture, self.starts, curriculum, start)
-            metrics, info = {**metrics, "lead": jnp.mean(curriculum.leads)}, {"curriculum": curriculum}
+            info = {"curriculum": curriculum}
         info["active"] = start.active
+        metrics = {"success": zero, "score": zero, **_lead(info)}
         return State(start.physics, observe(start.physics), zero, zero, metrics, info)
 
     def step(self, state: State, action: jax.Array) -> State:
         physics = self.advance(state.pipeline_state, action)
-        metrics = {**state.metrics, "success": success(physics).astype(jnp.float32), "score": score(physics)}
+        reached = {"success": success(physics).astype(jnp.float32), "score": score(physics)}
+        metrics = {**state.metrics, **reached, **_lead(state.info)}
         return state.replace(
             pipeline_state=physics, obs=observe(physics), reward=environment_reward(physics), metrics=metrics
         )
@@ -161,3 +165,8 @@ class ShoesInBoxEnv(Env):
 
     def events(self, state: State) -> jax.Array:
         return events(state.pipeline_state)
+
+
+def _lead(info: dict[str, Any]) -> dict[str, jax.Array]:
+    """The metric `lead` of a training episode: the mean of the curriculum's leads."""
+    return {"lead": jnp.mean(info["curriculum"].leads)} if "curriculum" in info else {}
