@@ -52,6 +52,14 @@ def spread(values: Sequence[float]) -> str:
     return f"{mean(values):.3f}" + (f" ({low} to {high})" if low != high else "")
 
 
+def spread_of_some(values: Sequence[float | None]) -> str:
+    """As `spread`, over the seeds that have a value."""
+    found = [value for value in values if value is not None]
+    if not found:
+        return "never"
+    return spread(found) + ("" if len(found) == len(values) else f", {len(found)} of {len(values)} seeds")
+
+
 def percent_interval(bounds: Sequence[float] | None) -> str:
     """An interval over seeds."""
     return f"{bounds[0]:.1%} to {bounds[1]:.1%}" if bounds else "one seed"

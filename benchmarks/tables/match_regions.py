@@ -1,6 +1,17 @@
 """Tables of Match Regions: Table I, further methods, variants, alpha."""
 
-from benchmarks.tables.cells import Result, commit, mean, of_result, percent_interval, result_of, spread, table, where
+from benchmarks.tables.cells import (
+    Result,
+    commit,
+    mean,
+    of_result,
+    percent_interval,
+    result_of,
+    spread,
+    spread_of_some,
+    table,
+    where,
+)
 from graphrl_jax.experiment.methods import METHODS
 
 FURTHER = {
@@ -44,8 +55,7 @@ def table_1(result: Result) -> str:
     for name, found in _best_first(result):
         runs = found["runs"]
         half = [run["half_solved_at"] for run in runs]
-        reached = [steps / 1e6 for steps in half if steps is not None]
-        soon = f"{spread(reached)}{_of_all(reached, half)}" if reached else "never"
+        soon = spread_of_some([None if steps is None else steps / 1e6 for steps in half])
         minutes = mean([(run["curve"]["seconds"][-1] + run.get("pretrain_s", 0.0)) / 60 for run in runs])
         audits = ["-"] * len(measures)
         if "audit" in runs[0]:
@@ -58,10 +68,6 @@ def table_1(result: Result) -> str:
 
 def _best_first(result: Result) -> list[tuple[str, Result]]:
     return sorted(result["methods"].items(), key=lambda item: -item[1]["success_rate"])
-
-
-def _of_all(some: list, everything: list) -> str:
-    return "" if len(some) == len(everything) else f", {len(some)} of {len(everything)} seeds"
 
 
 def success_table() -> str:

@@ -1,29 +1,34 @@
 """The table of policies on Shoes in Box."""
 
-from benchmarks.tables.cells import Result, mean, of_result, percent_interval, table, where
+from benchmarks.tables.cells import Result, mean, of_result, percent_interval, spread_of_some, table, where
 from graphrl_jax.experiment.methods import METHODS
 
 SHARES = {"lid_open": "lid open", "one_shoe": "at least one shoe in the box"}
 """Shares of episodes that end so."""
+SOLVED = (0.5, 0.9)
+"""Shares of training episodes; how soon they were reached is told."""
 
 
 def policies_of(result: Result) -> str:
     """Every reward's policies on unseen layouts, best first, a row per engine; what is missing stands below."""
     columns = [
         "reward", "engine of the episodes", "success: both shoes in the box", "95 % interval over seeds",
-        *SHARES.values(), "mean score", "seeds", "control steps of training (M)", "minutes of pretraining and PPO",
+        *SHARES.values(), "mean score", "seeds",
+        *(f"{share:.0%} of the training episodes solved after (minutes)" for share in SOLVED),
+        "control steps of training (M)", "minutes of pretraining and PPO",
     ]  # fmt: skip
     rows = []
     for name, found in sorted(result["methods"].items(), key=_best_success, reverse=True):
         runs = found["runs"]
         steps = mean([run["env_steps"] / 1e6 for run in runs])
-        minutes = mean([(run["curve"]["seconds"][-1] + run["pretrain_s"]) / 60 for run in runs])
+        minutes = mean([_minutes(run, -1) for run in runs])
+        soon = [spread_of_some([_solved_after(run, share) for run in runs]) for share in SOLVED]
         for engine, judged in found["engines"].items():
             shares = [f"{mean([one[share] for one in judged['runs']]):.1%}" for share in SHARES]
             interval = percent_interval(judged["success_interval_95"])
             rows.append(
                 [METHODS[name].label, engine, f"**{judged['success_rate']:.1%}**", interval, *shares,
-                 f"{judged['mean_score']:.3f}", str(len(runs)), f"{steps:.1f}", f"{minutes:.0f}"]
+                 f"{judged['mean_score']:.3f}", str(len(runs)), *soon, f"{steps:.1f}", f"{minutes:.0f}"]
             )  # fmt: skip
     missing = ", ".join(f"`{name}`" for name in result["missing"])
     lacks = f"; still missing: {missing}" if missing else ""
@@ -35,3 +40,14 @@ policies_table = of_result("shoes_in_box_policies")(policies_of)
 
 def _best_success(item: tuple[str, Result]) -> float:
     return max(judged["success_rate"] for judged in item[1]["engines"].values())
+
+
+def _minutes(run: Result, chunk: int) -> float:
+    """Minutes of pretraining, and of PPO up to the end of a chunk of updates."""
+    return (run["curve"]["seconds"][chunk] + run["pretrain_s"]) / 60
+
+
+def _solved_after(run: Result, share: float) -> float | None:
+    """Minutes until a share of the finished training episodes was solved first; None if never."""
+    chunks = [number for number, success in enumerate(run["curve"]["success"]) if success >= share]
+    return _minutes(run, chunks[0]) if chunks else None

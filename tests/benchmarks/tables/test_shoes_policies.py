@@ -10,7 +10,9 @@ def row(rate: float) -> dict:
     mujoco = {"success_rate": rate, "success_interval_95": None, "mean_score": 0.9, "runs": [judged]}
     return {
         "engines": {"mujoco": mujoco},
-        "runs": [{"env_steps": 2_000_000, "pretrain_s": 60.0, "curve": {"seconds": [60.0, 120.0]}}],
+        "runs": [
+            {"env_steps": 2_000_000, "pretrain_s": 60.0, "curve": {"seconds": [60.0, 120.0], "success": [0.5, 0.6]}}
+        ],
     }
 
 
@@ -18,6 +20,7 @@ def test_rewards_stand_in_order_and_what_is_missing_is_named():
     result = {"methods": {"env": row(0.25), "graph": row(0.5)}, "missing": ["graph_1"], **ABOUT}
     lines = shoes_policies.policies_of(result).splitlines()
     assert lines[2] == (
-        "| graph reward, w/o robot | mujoco | **50.0%** | one seed | 100.0% | 75.0% | 0.900 | 1 | 2.0 | 3 |"
+        "| graph reward, w/o robot | mujoco | **50.0%** | one seed | 100.0% | 75.0% | 0.900 | 1 | 2.000 | never | 2.0 "
+        "| 3 |"
     )
     assert "environmental" in lines[3] and "still missing: `graph_1` (cpu, commit 0123456;" in lines[-1]
