@@ -48,7 +48,8 @@ def test_a_run_directory_holds_everything(finished):
     assert files == {
         "config.json", "metrics.jsonl", "summary.json", "demonstrations.npz", "encoder.npz", "encoder.json",
         "subtasks.json", "policy.npz", "train_state.npz", "train_state.previous.npz", "rollout.mp4",
-        "figures/learning_curve.png", "figures/landscape.png", "figures/reward_on_demonstrations.png", "figures/reward_on_rollouts.png",
+        "figures/learning_curve.png", "figures/landscape.png", "figures/reward_on_demonstrations.png",
+        "figures/reward_on_rollouts.png",
     }  # fmt: skip
     summary = json.loads((finished / "summary.json").read_text())
     for name in ("success_rate", "mean_score", "mean_return", "env_steps", "wall_s", "compile_s", "train_steps_per_s"):
