@@ -114,13 +114,37 @@ class Demonstrations:
         Raises:
           DemonstrationError: `fraction` is not inside (0, 1) or there are fewer than two demonstrations.
         """
-        if not 0 < fraction < 1:
-            raise DemonstrationError(f"the fraction of a split must lie between 0 and 1, got {fraction}")
-        if len(self) < 2:
-            raise DemonstrationError(f"a split needs at least 2 demonstrations, got {len(self)}")
-        order = np.random.default_rng(seed).permutation(len(self))
-        count = int(np.clip(round(fraction * len(self)), 1, len(self) - 1))
-        return self.select(np.sort(order[:count])), self.select(np.sort(order[count:]))
+        first = drawn_share(len(self), fraction, seed)
+        return self.select(first), self.select(~first)
+
+    def resampled(self, frame_rate: float) -> "Demonstrations":
+        """The same demonstrations at another frame rate; each keeps its first and last frame.
+
+        Boxes are interpolated in time where the object is seen in both frames around; masks, other boxes and images are
+        the nearest frame's.
+        """
+        ratio = self.frame_rate / frame_rate
+        lengths = np.ceil((self.lengths - 1) / ratio).astype(np.int32) + 1
+        times = np.minimum(np.arange(lengths.max()) * ratio, self.lengths[:, None] - 1)
+        before, nearest = np.floor(times).astype(int), np.round(times).astype(int)
+        after = np.minimum(before + 1, self.lengths[:, None] - 1)
+        each = np.arange(len(self))[:, None]
+        share = (times - before)[..., None, None].astype(np.float32)
+        between = (1 - share) * self.boxes[each, before] + share * self.boxes[each, after]
+        seen = self.mask[each, before] & self.mask[each, after]
+        events = self.events
+        if events is not None:
+            events = np.where(events < 0, -1, np.ceil(events / ratio)).astype(events.dtype)
+        return replace(
+            self,
+            boxes=np.where(seen[..., None], between, self.boxes[each, nearest]),
+            mask=self.mask[each, nearest],
+            lengths=lengths,
+            frame_rate=frame_rate,
+            source=f"{self.source}, resampled from {self.frame_rate:g} to {frame_rate:g} frames per second",
+            events=events,
+            frames=None if self.frames is None else self.frames[each, nearest],
+        )
 
     def save(self, path: str | Path) -> None:
         """Writes one .npz file at exactly `path`, atomically. Missing folders are created."""
@@ -138,6 +162,21 @@ class Demonstrations:
         entries["is_articulated"] = np.array(self.objects.is_articulated, bool)
 
         write_arrays(Path(path), entries)
+
+
+def drawn_share(number: int, fraction: float, seed: int) -> np.ndarray:
+    """Which of `number` things are in a random share of them, at least one and not all: (number,) bool.
+
+    Raises:
+      DemonstrationError: `fraction` is not inside (0, 1) or there are fewer than two things.
+    """
+    if not 0 < fraction < 1:
+        raise DemonstrationError(f"the fraction of a split must lie between 0 and 1, got {fraction}")
+    if number < 2:
+        raise DemonstrationError(f"a split needs at least 2 demonstrations, got {number}")
+    order = np.random.default_rng(seed).permutation(number)
+    count = int(np.clip(round(fraction * number), 1, number - 1))
+    return np.isin(np.arange(number), order[:count])
 
 
 def load(path: str | Path) -> Demonstrations:

@@ -50,7 +50,8 @@ def adam_update(
     """One step of Adam (Kingma and Ba 2015, Algorithm 1).
 
     `weight_decay` is decoupled from the gradient (Loshchilov and Hutter 2019, Algorithm 2): parameters shrink by
-    `learning_rate * weight_decay` per step.
+    `learning_rate * weight_decay` per step. A gradient that is not finite changes neither parameters nor state, which
+    it would spoil for good.
 
     Returns:
       The new parameters and the new state.
@@ -66,7 +67,9 @@ def adam_update(
         direction = (m / mu_correction) / (jnp.sqrt(n / nu_correction) + eps)
         return parameter - learning_rate * (direction + weight_decay * parameter)
 
-    return jax.tree.map(descend, params, mu, nu), AdamState(step, mu, nu)
+    after = jax.tree.map(descend, params, mu, nu), AdamState(step, mu, nu)
+    sound = jnp.isfinite(global_norm(grads))
+    return jax.tree.map(lambda new, old: jnp.where(sound, new, old), after, (params, state))
 
 
 def global_norm(tree: Params) -> jax.Array:

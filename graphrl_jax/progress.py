@@ -50,4 +50,4 @@ class Progress:
     def note(self, text: str) -> None:
         """Prints a permanent line with the seconds since the run stage began."""
         seconds = time.perf_counter() - self._started
-        self._console.print(f"[{seconds:6.1f} s] {text}", highlight=False, markup=False)
+        self._console.print(f"[{seconds:6.1f} s] {text}", highlight=False, markup=False, soft_wrap=True)

@@ -10,6 +10,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from graphrl_jax.json_text import to_json
+
 VERSION = 2
 """Version of the pytree format. Version 1 named leaves by their position."""
 _VERSION_ENTRY, _ROOT = "version", "tree"
@@ -25,9 +27,20 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
     try:
         write(temporary)
+        _to_disk(temporary)
         os.replace(temporary, path)
+        _to_disk(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _to_disk(path: Path) -> None:
+    """Waits until a file, or a folder's list of files, would survive a power cut."""
+    opened = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(opened)
+    finally:
+        os.close(opened)
 
 
 def write_arrays(path: Path, arrays: dict[str, Any]) -> None:
@@ -42,8 +55,8 @@ def write_arrays(path: Path, arrays: dict[str, Any]) -> None:
 
 
 def write_json(path: Path, value: Any) -> None:
-    """Writes `value` as indented JSON, atomically."""
-    write_atomically(path, lambda temporary: temporary.write_text(json.dumps(value, indent=2) + "\n"))
+    """Writes `value` as indented JSON, atomically; see `to_json`."""
+    write_atomically(path, lambda temporary: temporary.write_text(to_json(value, indent=2) + "\n"))
 
 
 def read_json(path: Path) -> Any:
@@ -61,9 +74,16 @@ def read_json(path: Path) -> Any:
 
 
 def save_tree(path: Path, tree: Any) -> None:
-    """Saves a pytree as a compressed .npz file: every leaf, typed keys included, under its key path."""
+    """Saves a pytree as a compressed .npz file: every leaf, typed keys included, under its key path.
+
+    Raises:
+      StorageError: a leaf is not finite; nothing is written.
+    """
     leaves = jax.tree_util.tree_leaves_with_path(tree)
     arrays = {_entry(key_path): _to_numpy(leaf) for key_path, leaf in leaves}
+    for name, array in arrays.items():
+        if np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
+            raise StorageError(f"{path} is not written, because {name} is not finite")
     write_arrays(path, {_VERSION_ENTRY: np.int32(VERSION), **arrays})
 
 
@@ -84,9 +104,51 @@ def load_tree(path: Path, like: Any) -> Any:
     return jax.tree.unflatten(structure, [_from_numpy(path, name, arrays[name], leaf) for name, leaf in wanted.items()])
 
 
+def save_generation(path: Path, tree: Any) -> None:
+    """As `save_tree`, and keeps the file that was there before; see `load_generation`.
+
+    Raises:
+      StorageError: see `save_tree`.
+    """
+    newest = path.with_name(f".{path.stem}.newest{path.suffix}")
+    save_tree(newest, tree)
+    if path.exists():
+        os.replace(path, _previous(path))
+    os.replace(newest, path)
+
+
+def has_generation(path: Path) -> bool:
+    """Whether `load_generation` finds a file."""
+    return path.exists() or _previous(path).exists()
+
+
+def load_generation(path: Path, like: Any) -> tuple[Any, str | None]:
+    """As `load_tree`; if the file is missing or damaged, the one before it.
+
+    Returns:
+      The pytree, and one sentence about what was lost, if anything.
+
+    Raises:
+      StorageError: see `load_tree`; both files cannot be read.
+    """
+    try:
+        return load_tree(path, like), None
+    except StorageError as error:
+        if not _previous(path).exists():
+            raise
+        try:
+            return load_tree(_previous(path), like), f"{error}; going on from {_previous(path)}"
+        except StorageError:
+            raise error from None
+
+
 def is_key(leaf: Any) -> bool:
     """Whether a leaf holds typed random keys."""
     return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+
+
+def _previous(path: Path) -> Path:
+    return path.with_name(f"{path.stem}.previous{path.suffix}")
 
 
 def _entry(key_path: tuple[Any, ...]) -> str:

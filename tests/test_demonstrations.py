@@ -225,6 +225,46 @@ def test_split_refuses_what_cannot_be_split():
     assert_refuses("a split needs at least 2 demonstrations, got 1", PLAIN.select([0]).split, 0.5, 0)
 
 
+def moving(frame_rate: float, seconds: float = 2.0) -> Demonstrations:
+    """One object that moves along x by 0.1 a second, one that is never seen."""
+    number = round(seconds * frame_rate) + 1
+    base = demonstrations(num=2, num_frames=number)
+    boxes = np.full_like(base.boxes, 0.2)
+    boxes[..., 0, 0] = 0.1 + 0.1 * np.arange(number) / frame_rate
+    mask = np.zeros_like(base.mask)
+    mask[..., 0] = True
+    lengths = np.full(2, number, np.int32)
+    return replace(base, boxes=boxes, mask=mask, lengths=lengths, frame_rate=frame_rate, events=None, event_names=())
+
+
+@pytest.mark.parametrize("rate", [4.0, 8.0, 20.0, 30.0, 60.0])
+def test_resampled_demonstrations_show_the_same_motion(rate):
+    found, expected = moving(rate).resampled(8.0), moving(8.0)
+    np.testing.assert_array_equal(found.lengths, expected.lengths)
+    np.testing.assert_allclose(found.boxes[..., 0, :], expected.boxes[..., 0, :], atol=1e-6)
+    np.testing.assert_array_equal(found.mask, expected.mask)
+    assert found.frame_rate == 8.0
+    if rate != 8.0:
+        assert found.source.endswith(f", resampled from {rate:g} to 8 frames per second")
+
+
+def test_resampling_interpolates_only_between_frames_that_show_the_object():
+    demos = moving(8.0, 0.5)
+    mask = demos.mask.copy()
+    mask[:, 2, 0] = False
+    images = np.arange(5, dtype=np.uint8).reshape(1, 5, 1, 1, 1) * np.ones((2, 5, 1, 1, 3), np.uint8)
+    events = np.array([[1], [-1]], np.int32)
+    demos = replace(demos, mask=mask, frames=images, events=events, event_names=("placed",))
+    found = demos.resampled(16.0)
+    np.testing.assert_array_equal(found.lengths, [9, 9])
+    # Halves round to the even frame: 0.5 -> 0, 1.5 -> 2, 2.5 -> 2, 3.5 -> 4.
+    np.testing.assert_array_equal(found.frames[0, :, 0, 0, 0], [0, 0, 1, 2, 2, 2, 3, 4, 4])
+    np.testing.assert_array_equal(found.mask[0, :, 0], [1, 1, 1, 0, 0, 0, 1, 1, 1])
+    x = np.asarray(found.boxes[0, :, 0, 0])
+    np.testing.assert_allclose(x[[0, 1, 2, 6, 7, 8]], 0.1 + 0.1 * np.array([0, 1, 2, 6, 7, 8]) / 16, atol=1e-6)
+    np.testing.assert_array_equal(found.events, [[2], [-1]])
+
+
 def test_images_are_the_frames_and_of_one_size():
     demos = replace(PLAIN, frames=np.zeros((4, 10, 6, 6, 3), np.uint8))
     assert demos.images(6) is demos.frames

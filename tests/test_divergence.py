@@ -55,3 +55,30 @@ def test_training_goes_on_with_finite_parameters_and_counts_what_was_bad():
     assert all(np.isfinite(leaf).all() for leaf in leaves)
     # The policy starts near mean 0 with a deviation of 0.6, so a fair share of its actions is above 0.5.
     assert 0.05 < float(metrics["bad_envs"].mean()) < 0.5
+
+
+class Huge(Probe):
+    """A probe whose observation is finite but beyond all bounds under actions above 0.5."""
+
+    def step(self, state: State, action: jax.Array) -> State:
+        state = super().step(state, action)
+        return state.replace(obs=jnp.where(action[0] > 0.5, 1e30, state.obs))
+
+
+def test_a_state_beyond_all_bounds_is_bad_before_it_is_nan():
+    env = vectorise(Huge(PAYS), CONFIG)
+    state = jax.jit(env.reset)(jax.random.split(jax.random.key(0), 3))
+    state = jax.jit(env.step)(state, jnp.array([[0.0], [1.0], [0.0]]))
+    np.testing.assert_array_equal(state.metrics["bad_envs"], [0, 1, 0])
+    assert (np.abs(state.obs) < 10).all()
+
+
+def test_gradient_steps_that_are_not_finite_are_left_out_and_counted():
+    state = ppo.init_jit(CONFIG, Probe, PAYS, jax.random.key(1))
+    before = jax.tree.map(np.asarray, state.params)
+    state, metrics = ppo.train_chunk(CONFIG, Probe, PPOHyper(reward_scaling=float("nan")), PAYS, state, 2)
+    np.testing.assert_array_equal(metrics["skipped_steps"], 1)
+    jax.tree.map(np.testing.assert_array_equal, state.params, before)
+    state, metrics = ppo.train_chunk(CONFIG, Probe, PPOHyper(), PAYS, state, 1)
+    np.testing.assert_array_equal(metrics["skipped_steps"], 0)
+    assert not all(jax.tree.leaves(jax.tree.map(np.array_equal, state.params, before)))

@@ -102,3 +102,12 @@ def test_the_schedule_is_a_cosine_between_its_corners():
 
 def test_without_warm_up_the_schedule_starts_at_its_peak():
     assert float(COSINE(0, 100, 0.4, 0, 0.0)) == pytest.approx(0.4)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf])
+def test_a_gradient_that_is_not_finite_changes_nothing(bad):
+    params = {"a": jnp.ones(2), "b": jnp.zeros(3)}
+    _, state = adam_update({"a": jnp.ones(2), "b": jnp.ones(3)}, adam_init(params), params, 0.1)
+    grads = {"a": jnp.ones(2), "b": jnp.array([0.0, bad, 0.0])}
+    after = adam_update(grads, state, params, 0.1, weight_decay=0.1)
+    jax.tree.map(np.testing.assert_array_equal, after, (params, state))

@@ -11,9 +11,12 @@ from graphrl_jax.optimizer import AdamState
 from graphrl_jax.storage import (
     VERSION,
     StorageError,
+    has_generation,
     is_key,
+    load_generation,
     load_tree,
     read_json,
+    save_generation,
     save_tree,
     write_arrays,
     write_atomically,
@@ -187,3 +190,60 @@ def test_json_comes_back_and_what_cannot_be_read_is_named(tmp_path):
         path.write_bytes(content)
         with pytest.raises(StorageError, match="config.json cannot be read as JSON"):
             read_json(path)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_a_tree_that_is_not_finite_is_never_written(path, bad):
+    before = path.read_bytes()
+    spoiled = {**TREE, "params": {"head": ({"weight": np.full((2, 3), bad, np.float32)}, {"bias": np.zeros(3)})}}
+    with pytest.raises(StorageError, match=f"tree.npz is not written, because {HEAD} is not finite"):
+        save_tree(path, spoiled)
+    with pytest.raises(StorageError, match="is not finite"):
+        save_generation(path, spoiled)
+    assert path.read_bytes() == before and list(path.parent.iterdir()) == [path]
+
+
+def counted(number: int) -> dict[str, np.ndarray]:
+    return {"number": np.int32(number)}
+
+
+def test_the_last_two_generations_are_kept(tmp_path):
+    path = tmp_path / "state.npz"
+    assert not has_generation(path)
+    for number in range(3):
+        save_generation(path, counted(number))
+        assert has_generation(path)
+    assert sorted(one.name for one in tmp_path.iterdir()) == ["state.npz", "state.previous.npz"]
+    loaded, lost = load_generation(path, counted(0))
+    assert loaded["number"] == 2 and lost is None
+
+
+@pytest.mark.parametrize("damage", ["torn", "missing"])
+def test_a_torn_newest_generation_falls_back_to_the_one_before_and_says_so(tmp_path, damage):
+    path = tmp_path / "state.npz"
+    for number in range(2):
+        save_generation(path, counted(number))
+    if damage == "torn":
+        path.write_bytes(path.read_bytes()[:100])
+    else:
+        path.unlink()
+    assert has_generation(path)
+    loaded, lost = load_generation(path, counted(0))
+    assert loaded["number"] == 0
+    assert (
+        lost is not None and "state.npz is " in lost and lost.endswith(f"going on from {tmp_path}/state.previous.npz")
+    )
+
+
+def test_generations_of_another_program_are_an_error_about_the_newest(tmp_path):
+    path = tmp_path / "state.npz"
+    for number in range(2):
+        save_generation(path, counted(number))
+    with pytest.raises(StorageError, match="state.npz lacks tree/other"):
+        load_generation(path, {"other": np.int32(0)})
+
+
+def test_json_knows_no_nan(tmp_path):
+    value = {"a": [1.0, float("nan"), {"b": float("-inf")}], "c": (2, None, "NaN")}
+    write_json(tmp_path / "value.json", value)
+    assert read_json(tmp_path / "value.json") == {"a": [1.0, None, {"b": None}], "c": [2, None, "NaN"]}

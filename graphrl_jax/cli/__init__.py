@@ -8,7 +8,6 @@ writes nothing. A command that succeeds prints one JSON line on standard output.
 import contextlib
 import importlib
 import io
-import json
 import os
 import sys
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from typing import Any, TextIO
 import tyro
 
 from graphrl_jax.cli import requests
+from graphrl_jax.json_text import to_json
 
 COMMANDS: dict[str, tuple[type, str]] = {
     "train": (requests.Train, "train"),
@@ -52,7 +52,7 @@ def _carry_out(request: Any) -> None:
         except (ValueError, OSError) as error:
             print(f"error: {error}", file=sys.stderr)
             raise SystemExit(2) from None
-        print(json.dumps(answer), file=stdout, flush=True)
+        print(to_json(answer), file=stdout, flush=True)
 
 
 @contextlib.contextmanager

@@ -19,8 +19,7 @@ from graphrl_jax.storage import write_json
 def run(request: Pretrain) -> dict[str, Any]:
     """Carries the request out."""
     runtime.configure()
-    demos = demonstrations.load(request.demos)
-    task = make_task(demos.task)
+    task = make_task(demonstrations.load(request.demos).task)
     settings = compose(
         task,
         request.reward,
@@ -32,7 +31,7 @@ def run(request: Pretrain) -> dict[str, Any]:
     if settings.method.encoder is None:
         raise ValueError(f"reward {request.reward!r} has no encoder to train")
     refuse_undrawn(task, settings.reward)
-    given_demonstrations(task, settings)
+    demos = given_demonstrations(task, settings)
     folder = Run.create(request.out, "pretrain", as_json(settings))
     job = EncoderJob(folder, demos, settings.pretrain, settings.seed)
     with Progress() as progress:

@@ -45,7 +45,7 @@ def audit_reward(job: EncoderJob, task: Task, model: RewardModel) -> dict[str, A
         job.run.figures / "reward_on_demonstrations.png",
         "Learned reward on held-out demonstrations",
     )
-    scores = trajectory_scores(model, demonstrations, horizon=task.episode_length)
+    scores = trajectory_scores(model, job.unseen, horizon=task.episode_length)
     metrics = {**report.metrics(), "trajectory_scores": scores}
     if not demonstrations.success.all():
         metrics["discrimination"] = _discrimination(model, rewards, held_out, demonstrations)

@@ -30,6 +30,8 @@ from graphrl_jax.storage import read_json, write_atomically, write_json
 from graphrl_jax.task import Task
 
 VIDEO_EPISODES = 2
+LEAST_SUCCESSES = 3
+"""Soft TCC needs pairs, and at least one success is held out."""
 ENCODER_FILES = ("encoder.npz", "encoder.json")
 
 
@@ -129,7 +131,7 @@ def run(
 
 
 def load_demonstrations(path: str | Path, task: Task) -> Demonstrations:
-    """Loads a demonstration file of a task.
+    """Loads a demonstration file of a task; one at another frame rate than the task's is resampled.
 
     Raises:
       DemonstrationError: the file is not a demonstration file, or has other objects.
@@ -139,17 +141,26 @@ def load_demonstrations(path: str | Path, task: Task) -> Demonstrations:
         found, expected = getattr(loaded.objects, field.name), getattr(task.objects, field.name)
         if found != expected:
             raise DemonstrationError(f"{path}: {field.name} is {found}, but task {task.name} has {expected}")
-    return loaded
+    return loaded if loaded.frame_rate == task.frame_rate else loaded.resampled(task.frame_rate)
 
 
 def given_demonstrations(task: Task, settings: Settings) -> Demonstrations:
     """Loads the demonstrations of the file in `settings.demos`.
 
     Raises:
-      DemonstrationError: the file is not a demonstration file, has other objects, or lacks the required images.
+      DemonstrationError: the file is not a demonstration file, has other objects, too few successes or a demonstration
+        of a single frame, or lacks the required images.
     """
     assert settings.demos is not None
     loaded = load_demonstrations(settings.demos, task)
+    successes, single = int(loaded.success.sum()), loaded.lengths < 2
+    if successes < LEAST_SUCCESSES:
+        raise DemonstrationError(
+            f"{settings.demos} holds {successes} successes; allowed: {LEAST_SUCCESSES} or more, of which a quarter is "
+            "held out"
+        )
+    if single.any():
+        raise DemonstrationError(f"{settings.demos}: demonstration {single.argmax()} has 1 frame; allowed: 2 or more")
     size = settings.image_size
     if size is not None:
         try:

@@ -8,10 +8,12 @@ rollout.mp4      a few episodes                      subtasks.json    subtasks f
 """
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 from graphrl_jax.experiment.settings import Settings, as_json, from_json
+from graphrl_jax.json_text import to_json
 from graphrl_jax.runtime import commit
 from graphrl_jax.storage import read_json, write_atomically, write_json
 
@@ -103,13 +105,17 @@ class Run:
         return self.path / "figures"
 
     def log(self, record: dict[str, Any]) -> None:
-        """Appends one line to metrics.jsonl."""
+        """Appends one line to metrics.jsonl; values that are not finite become null."""
         with (self.path / "metrics.jsonl").open("a") as file:
-            file.write(json.dumps(record) + "\n")
+            file.write(to_json(record) + "\n")
 
     def records(self, stage: str) -> list[dict[str, Any]]:
-        """All logged records of a run stage, `pretrain` or `ppo`; a line cut short by an interruption is left out."""
-        return [record for _, record in self._lines() if record.get("stage") == stage]
+        """All logged records of a run stage, `pretrain` or `ppo`, with NaN for null.
+
+        A line cut short by an interruption is left out.
+        """
+        records = [record for _, record in self._lines() if record.get("stage") == stage]
+        return [{name: math.nan if value is None else value for name, value in one.items()} for one in records]
 
     def forget_after(self, stage: str, key: str, last: float) -> None:
         """Drops the lines of a run stage with `key` above `last`: they are later than the checkpoint to resume from."""

@@ -60,8 +60,7 @@ class Settings:
                 raise ValueError(f"{name} is {getattr(self, name)}; allowed: 1 or more")
         for group in ("pretrain", "ppo"):
             for name, value in asdict(getattr(self, group)).items():
-                if not math.isfinite(value):
-                    raise ValueError(f"{group}.{name} is {value}; allowed: finite numbers")
+                _refuse_outside(f"{group}.{name}", value)
 
     @property
     def method(self) -> Method:
@@ -72,6 +71,33 @@ class Settings:
     def image_size(self) -> int | None:
         """Edge of the reward's input images in pixels; None without images."""
         return self.pretrain_config.encoder.image_size
+
+
+POSITIVE = {
+    "pretrain.learning_rate", "pretrain.max_grad_norm", "pretrain.temperature", "ppo.learning_rate",
+    "ppo.decay_updates", "ppo.clip", "ppo.max_grad_norm", "ppo.reward_scaling",
+}  # fmt: skip
+"""Floats that must be above 0."""
+SHARES = {
+    "pretrain.warmup", "pretrain.suppress_robot", "pretrain.robot_messages", "pretrain.rearranged", "pretrain.bumped",
+    "pretrain.bumped_before", "pretrain.in_order", "pretrain.even", "ppo.discount", "ppo.gae_lambda",
+}  # fmt: skip
+"""Floats between 0 and 1, both included. All others must not be negative."""
+
+
+def _refuse_outside(name: str, value: float) -> None:
+    """Refuses a float outside its range.
+
+    Raises:
+      ValueError: see above.
+    """
+    sound, allowed = math.isfinite(value) and value >= 0, "0 or more"
+    if name in POSITIVE:
+        sound, allowed = sound and value > 0, "above 0"
+    if name in SHARES:
+        sound, allowed = sound and value <= 1, "0 to 1"
+    if not sound:
+        raise ValueError(f"{name} is {value}; allowed: {allowed}")
 
 
 def compose(

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.demonstrations import Demonstrations, drawn_share
 from graphrl_jax.experiment import batching, sharding
 from graphrl_jax.experiment.keys import RunStage, stage_key
 from graphrl_jax.experiment.run_directory import Run
@@ -40,6 +40,13 @@ class EncoderJob:
         """Successes for training, and held-out successes."""
         return self.demonstrations.successes().split(FITTED_SHARE, self.seed)
 
+    @cached_property
+    def unseen(self) -> Demonstrations:
+        """All that the encoder is not trained on: held-out successes and all failures."""
+        successes = np.flatnonzero(self.demonstrations.success)
+        fitted = successes[drawn_share(len(successes), FITTED_SHARE, self.seed)]
+        return self.demonstrations.select(np.setdiff1d(np.arange(len(self.demonstrations)), fitted))
+
 
 class _Inputs(NamedTuple):
     """Inputs of the training program of one encoder."""
@@ -61,6 +68,8 @@ def train_encoders(
     Raises:
       ValueError: the jobs' demonstrations differ in number or length.
     """
+    for source in dict.fromkeys(job.demonstrations.source for job in jobs):
+        progress.note(f"demonstrations: {source}")
     inputs = [_inputs(job, config) for job in jobs]
     shapes = {(jax.tree.structure(one.data), one.data.mask.shape) for one in inputs}
     if len(shapes) > 1:

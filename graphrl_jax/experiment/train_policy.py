@@ -22,9 +22,20 @@ from graphrl_jax.rl import ppo
 from graphrl_jax.rl.config import PPOHyper
 from graphrl_jax.rl.ppo import TrainState, as_float32
 from graphrl_jax.runtime import jit_physics
-from graphrl_jax.storage import load_tree, read_json, save_tree, write_json
+from graphrl_jax.storage import (
+    has_generation,
+    load_generation,
+    load_tree,
+    read_json,
+    save_generation,
+    save_tree,
+    write_json,
+)
 from graphrl_jax.task import Task
 from graphrl_jax.viz import plots
+
+_MOST_BAD = {"bad_envs": 0.01, "skipped_steps": 0.1}
+"""Shares of control steps and of gradient steps that may fail before a training is stopped."""
 
 
 @dataclass(frozen=True)
@@ -141,7 +152,7 @@ def _refuse_lost_checkpoint(run: Run) -> None:
     Raises:
       RunError: the folder has a policy but no checkpoint.
     """
-    if (run.path / "policy.npz").exists() and not (run.path / "train_state.npz").exists():
+    if (run.path / "policy.npz").exists() and not has_generation(run.path / "train_state.npz"):
         raise RunError(
             f"{run.path} holds policy.npz, but no train_state.npz to go on from; a sweep is resumed as a whole"
         )
@@ -179,6 +190,7 @@ class _Group:
             if done > since + count or count == updates - since:  # without the first chunk, a warm-up
                 seconds, timed = seconds + elapsed, timed + count
             self._log(records, done, count, self.size * count * config.steps_per_update / elapsed)
+            self._refuse_divergence(records, done)
             self._save(sharding.to_host(state))
         rate = self.size * timed * config.steps_per_update / seconds if seconds else None
         return {"env_steps": done * config.steps_per_update, "train_steps_per_s": rate}
@@ -189,7 +201,7 @@ class _Group:
         stacked = batching.stack([self.programs.inputs[i] for i in self.group])
         inputs = sharding.put(stacked, sharding.per_member(mesh, self.size))
         state = self.programs.init(self.size)(inputs.params, inputs.key)
-        kept = load_tree(self.checkpoint, state) if self.checkpoint.exists() else None
+        kept = self._kept(state)
         done = sharding.agreed(0 if kept is None else int(np.ravel(kept.updates)[0]), "progress of the training")
         if kept is not None:
             state = sharding.put(kept, sharding.of_train_state(mesh, self.size))
@@ -199,10 +211,34 @@ class _Group:
             self.jobs[i].run.forget_after("ppo", "update", done)
         return inputs, state, done
 
+    def _kept(self, like: TrainState) -> TrainState | None:
+        """The state of the checkpoint, if there is one."""
+        if not has_generation(self.checkpoint):
+            return None
+        state, lost = load_generation(self.checkpoint, like)
+        if lost:
+            self.progress.note(lost)
+        return state
+
     def _averages(self, metrics: ppo.Metrics) -> list[dict[str, np.ndarray]]:
         """Means over a chunk for each member; fetching them waits for the program."""
         members = batching.unstack(jax.tree.map(np.asarray, metrics), self.size)
         return [ppo.average_metrics(member) for member in members]
+
+    def _refuse_divergence(self, records: list[dict[str, np.ndarray]], done: int) -> None:
+        """Stops a training of which too much is not finite; its last checkpoint stays.
+
+        Raises:
+          RunError: see above.
+        """
+        for i, record in batching.each_once(self.group, records):
+            for name, most in _MOST_BAD.items():
+                if not record[name] <= most:
+                    raise RunError(
+                        f"the training in {self.jobs[i].run.path} diverges: {name} is {float(record[name]):.3g} up to "
+                        f"update {done} (allowed: {most}); metrics.jsonl shows since when, and --resume goes on from "
+                        f"the last checkpoint"
+                    )
 
     def _log(self, records: list[dict[str, np.ndarray]], done: int, count: int, steps_per_s: float) -> None:
         env_steps = done * self.programs.config.steps_per_update
@@ -215,7 +251,7 @@ class _Group:
 
     def _save(self, state: TrainState) -> None:
         """Writes the checkpoint, then the policies."""
-        save_tree(self.checkpoint, state)
+        save_generation(self.checkpoint, state)
         self._save_policies(state)
 
     def _save_policies(self, state: TrainState) -> None:

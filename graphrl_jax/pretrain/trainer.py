@@ -239,7 +239,8 @@ def optimise(
     """One optimiser step on a batch: encoder inputs (b, F, ...), frame mask (b, F) and times (b, F).
 
     Returns:
-      The next state, with the same key, and scalars: loss, tcc, box, class, grad_norm, learning_rate.
+      The next state, with the same key, and scalars: loss, tcc, box, class, grad_norm, skipped_steps (1 if the gradient
+      was not finite and changed nothing), learning_rate.
     """
     grads, metrics = jax.grad(_loss, has_aux=True)(state.params, config, hyper, *batch)
     grads, grad_norm = clip_by_global_norm(grads, hyper.max_grad_norm)
@@ -249,7 +250,8 @@ def optimise(
     params, optimizer = adam_update(
         grads, state.optimizer, state.params, learning_rate, weight_decay=hyper.weight_decay
     )
-    metrics = {**metrics, "grad_norm": grad_norm, "learning_rate": learning_rate}
+    skipped = 1.0 - jnp.isfinite(grad_norm)
+    metrics = {**metrics, "grad_norm": grad_norm, "skipped_steps": skipped, "learning_rate": learning_rate}
     return PretrainState(params, optimizer, state.key), metrics
 
 

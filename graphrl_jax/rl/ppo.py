@@ -130,7 +130,8 @@ def update(
     Returns:
       The next state and scalar float32 metrics: the mean over the unroll of each step metric of the environment
       (such as `env_reward`, `learned_reward`, `distance`) and of `reward`; `episodes`, the number of finished episodes,
-      and the mean of each of `OUTCOMES` over them (NaN if none finished); and diagnostics of the loss.
+      and the mean of each of `OUTCOMES` over them (NaN if none finished); and diagnostics of the loss, among them
+      `skipped_steps`, the share of gradient steps left out because the gradient was not finite.
     """
     unroll_key, sgd_key, next_key = jax.random.split(state.key, 3)
     env_state, data = unroll(config, make_env, reward_params, state, unroll_key)
@@ -244,7 +245,9 @@ def _gradient_steps(
         # A minibatch holds whole unrolls, chosen by environment. Brax's loss expects the batch axis first.
         minibatch = jax.tree.map(lambda x: jnp.swapaxes(x[:, indices], 0, 1), data)
         grads, metrics = jax.grad(loss, has_aux=True)(params, state.normalizer, minibatch, loss_key)
-        grads, metrics["grad_norm"] = clip_by_global_norm(grads, hyper.max_grad_norm)
+        grads, norm = clip_by_global_norm(grads, hyper.max_grad_norm)
+        # Adam leaves such steps out.
+        metrics |= {"grad_norm": norm, "skipped_steps": 1.0 - jnp.isfinite(norm)}
         return adam_update(grads, optimizer, params, learning_rate), metrics
 
     def epoch(carry: Any, key: jax.Array) -> Any:

@@ -27,6 +27,9 @@ from graphrl_jax.rl.config import PPOConfig
 _BETTER = 0.01
 _NO_REWARD = float(np.finfo(np.float32).min)
 
+# Observations and rewards beyond this come from physics that is about to turn NaN, and would spoil running statistics.
+_MOST = 1e6
+
 
 class _Wrapper(Wrapper):
     """A wrapper that treats the starts of all episodes alike."""
@@ -262,8 +265,9 @@ class AutoReset(Wrapper):
     `metrics` and `info["truncation"]`. At done = 1 the metrics are therefore those of the finished episode's last
     state. `info["step_metrics"]` is a copy of them.
 
-    A state that is not finite, as when physics diverges, ends its episode as if by the time limit, with reward 0 and
-    metrics 0. Otherwise one such environment would spoil the parameters of all. Metric: `bad_envs`, 1 in such a step.
+    A state that is not finite, as when physics diverges, or whose observation or reward is beyond all bounds, ends its
+    episode as if by the time limit, with reward 0 and metrics 0. Otherwise one such environment would spoil the
+    parameters of all. Metric: `bad_envs`, 1 in such a step.
 
     A new state is computed at every step and mostly discarded (a batched branch computes both sides), so the reset of
     the wrapped environment has to be cheap.
@@ -297,9 +301,11 @@ class AutoReset(Wrapper):
 
 def _without_bad(state: State) -> State:
     """Ends the episode of a state that is not finite; see `AutoReset`."""
-    leaves = jax.tree.leaves((state.pipeline_state, state.obs, state.reward))
-    floats = [leaf for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.floating)]
-    sound = jnp.stack([jnp.isfinite(leaf).all() for leaf in floats]).all()
+    leaves = jax.tree.leaves(state.pipeline_state)
+    finite = [jnp.isfinite(leaf).all() for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.floating)]
+    # Comparisons with NaN are false.
+    bounded = [(jnp.abs(leaf) < _MOST).all() for leaf in (state.obs, state.reward)]
+    sound = jnp.stack(finite + bounded).all()
 
     def instead(value: jax.Array, other: float) -> jax.Array:
         return jnp.where(sound, value, other)

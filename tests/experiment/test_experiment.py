@@ -25,12 +25,14 @@ DIES_AFTER = """
 import os, signal, sys
 from graphrl_jax import cli
 from graphrl_jax.experiment import train_encoder, train_policy
-save = train_policy.save_tree
-def save_and_die(path, tree):
-    save(path, tree)
-    if path.name == sys.argv[1]:
-        os.kill(os.getpid(), signal.SIGKILL)
-train_encoder.save_tree = train_policy.save_tree = save_and_die
+def dying(save):
+    def save_and_die(path, tree):
+        save(path, tree)
+        if path.name == sys.argv[1]:
+            os.kill(os.getpid(), signal.SIGKILL)
+    return save_and_die
+train_encoder.save_tree = dying(train_encoder.save_tree)
+train_policy.save_generation = dying(train_policy.save_generation)
 cli.train_main(sys.argv[2:])
 """
 
@@ -45,8 +47,9 @@ def test_a_run_directory_holds_everything(finished):
     files = {str(path.relative_to(finished)) for path in finished.rglob("*") if path.is_file()}
     assert files == {
         "config.json", "metrics.jsonl", "summary.json", "demonstrations.npz", "encoder.npz", "encoder.json",
-        "subtasks.json", "policy.npz", "train_state.npz", "rollout.mp4", "figures/learning_curve.png",
-        "figures/landscape.png", "figures/reward_on_demonstrations.png", "figures/reward_on_rollouts.png",
+        "subtasks.json", "policy.npz", "train_state.npz", "train_state.previous.npz", "rollout.mp4",
+        "figures/learning_curve.png", "figures/landscape.png", "figures/reward_on_demonstrations.png",
+        "figures/reward_on_rollouts.png",
     }  # fmt: skip
     summary = json.loads((finished / "summary.json").read_text())
     for name in ("success_rate", "mean_score", "mean_return", "env_steps", "wall_s", "compile_s", "train_steps_per_s"):

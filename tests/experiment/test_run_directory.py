@@ -1,6 +1,7 @@
 """The run directory: what it refuses, and what it keeps of a log."""
 
 import json
+import math
 
 import pytest
 
@@ -90,3 +91,12 @@ def test_a_log_forgets_what_lies_behind_the_checkpoint_and_lines_cut_short(start
     run.forget_after("ppo", "update", 4)
     assert [record["update"] for record in run.records("ppo")] == [2, 4]
     assert [record["step"] for record in run.records("pretrain")] == [10, 20]
+
+
+def test_values_that_are_not_finite_are_null_in_the_log_and_come_back_as_nan(started):
+    run, _ = started
+    run.log({"stage": "ppo", "update": 1, "success": float("nan"), "reward": float("inf"), "name": "x"})
+    text = (run.path / "metrics.jsonl").read_text()
+    assert json.loads(text, parse_constant=pytest.fail)["success"] is None
+    (record,) = run.records("ppo")
+    assert math.isnan(record["success"]) and math.isnan(record["reward"]) and record["name"] == "x"

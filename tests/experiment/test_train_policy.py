@@ -1,5 +1,7 @@
 """Policy training from a task's own starts."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,11 +9,12 @@ import pytest
 
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.experiment.keys import RunStage, stage_key
-from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.experiment.run_directory import Run, RunError
 from graphrl_jax.experiment.settings import compose
 from graphrl_jax.experiment.train_policy import PolicyJob, train_policies
 from graphrl_jax.progress import Progress
 from graphrl_jax.registry import make_task
+from graphrl_jax.rl import ppo
 from graphrl_jax.storage import load_tree
 from tests.helpers.commands import arrays
 
@@ -58,3 +61,44 @@ def test_a_task_without_starts_of_its_own_keeps_none(tmp_path):
     run = Run.start(tmp_path / "run", settings)
     train_policies([PolicyJob(run, settings, PoolingParams())], task, Progress())
     assert not (run.path / "starts.npz").exists() and (run.path / "policy.npz").exists()
+
+
+@pytest.fixture
+def trained(tmp_path):
+    """A job that has made two updates, of a training of four."""
+    task = make_task("carry")
+    settings = compose(task, "env", "smoke", updates=4, ppo={"num_envs": 8})
+    settings = replace(settings, updates_per_chunk=2)
+    job = PolicyJob(Run.start(tmp_path / "run", settings), settings, PoolingParams())
+    first = replace(job, settings=replace(settings, updates=2))
+    train_policies([first], task, Progress())
+    return task, job
+
+
+def numbers_of(run: Run) -> list[dict]:
+    return [{name: value for name, value in one.items() if name != "steps_per_s"} for one in run.records("ppo")]
+
+
+def test_a_torn_checkpoint_costs_one_chunk_and_changes_no_number(trained, capsys):
+    task, job = trained
+    train_policies([job], task, Progress())
+    expected, policy = numbers_of(job.run), arrays(job.run.path / "policy.npz")
+    path = job.run.path / "train_state.npz"
+    path.write_bytes(path.read_bytes()[:1000])
+    train_policies([job], task, Progress())
+    assert "train_state.npz is damaged" in capsys.readouterr().err
+    assert numbers_of(job.run) == expected
+    for name, values in arrays(job.run.path / "policy.npz").items():
+        np.testing.assert_array_equal(values, policy[name])
+
+
+@pytest.mark.parametrize(("name", "value"), [("bad_envs", 0.02), ("skipped_steps", 0.5), ("skipped_steps", np.nan)])
+def test_a_training_that_diverges_stops_and_keeps_its_last_checkpoint(trained, monkeypatch, name, value):
+    task, job = trained
+    before = (job.run.path / "train_state.npz").read_bytes(), (job.run.path / "policy.npz").read_bytes()
+    average = ppo.average_metrics
+    monkeypatch.setattr(ppo, "average_metrics", lambda metrics: {**average(metrics), name: np.asarray(value)})
+    with pytest.raises(RunError, match=f"run diverges: {name} is .* up to update 4 .*metrics.jsonl"):
+        train_policies([job], task, Progress())
+    assert ((job.run.path / "train_state.npz").read_bytes(), (job.run.path / "policy.npz").read_bytes()) == before
+    assert [line["update"] for line in job.run.records("ppo")] == [2, 4]
