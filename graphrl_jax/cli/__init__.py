@@ -17,6 +17,7 @@ from typing import Any, TextIO
 import tyro
 
 from graphrl_jax.cli import requests
+from graphrl_jax.cli.options import refuse_seeds
 
 COMMANDS: dict[str, tuple[type, str]] = {
     "train": (requests.Train, "train"),
@@ -48,6 +49,7 @@ def _carry_out(request: Any) -> None:
         command = importlib.import_module(f"{__name__}.{name}")
     with _output_of_libraries_aside() as stdout:
         try:
+            refuse_seeds(request)
             answer = command.run(request)
         except (ValueError, OSError) as error:
             print(f"error: {error}", file=sys.stderr)
