@@ -99,8 +99,11 @@ class _Family(NamedTuple):
 
     def recordings(self) -> list[list[Frame]]:
         """The frames of each recording by number: one recording, or several if numbers restart."""
-        frames = self.frames()
-        return [frames] if _distinct(frames) else [_Family(part, self.column, []).frames() for part in self.parts()]
+        frames, parts = self.frames(), self.parts()
+        # A frame alone is no recording: its number repeats.
+        if _distinct(frames) or min(map(len, parts)) == 1:
+            return [frames]
+        return [_Family(part, self.column, []).frames() for part in parts]
 
     def parts(self) -> list[list[Name]]:
         """The names by the numbers and hashes beside the frame's number."""

@@ -88,6 +88,11 @@ REFUSED = {
     "no number in one": (["frame", "frame (1)", "frame (2)"], "frame.txt: the name holds no frame number"),
     "a repeat": (["1", "01", "2"], "1.txt and 01.txt: both are frame 1"),
     "a repeat in other words": (["frame_1", "Frame 1", "frame_2"], "both are frame 1"),
+    "a repeat with other hashes": (
+        ["e51b2c07-frame_1", "09d4aa31-frame_1", "7c3f9e12-frame_2"],
+        "e51b2c07-frame_1.txt and 09d4aa31-frame_1.txt: both are frame 1",
+    ),
+    "a lone start": (["take1_1", "take1_2", "take2_1"], "take1_1.txt and take2_1.txt: both are frame 1"),
     "a copy": (["frame_1", "frame_2", "frame_2 - copy"], "frame_2 - copy.txt: no other file"),
     "a step back": (["1_1", "2_2", "3_5", "4_4"], "4_4.txt and 3_5.txt: a number steps back from 4 to 3"),
     "mixed words": (["img_1", "frame_2", "img_3", "frame_4"], "img_1.txt and frame_2.txt: the names differ"),
