@@ -49,7 +49,7 @@ def look(path: Path) -> tuple[np.ndarray, np.ndarray, float]:
     """Boxes (T, N, 4), mask (T, N) and the seconds that seeing and tracking took, reading left out."""
     (recording,) = read_trajectories([path])
     started = time.perf_counter()
-    boxes, mask = track_recording(recording, OBJECTS, magical.detector())
+    boxes, mask, _ = track_recording(recording, OBJECTS, magical.detector())
     return boxes, mask, time.perf_counter() - started
 
 

@@ -1,5 +1,6 @@
 """The runtime of programs: compiler options, compilation cache, memory, and the versions that results record."""
 
+import contextlib
 import ctypes
 import importlib.metadata
 import os
@@ -74,11 +75,13 @@ class ProcessLog:
 def configure() -> ProcessLog:
     """Enables the persistent compilation cache and keeps freed memory in the process. Call it once, before computing.
 
-    The cache is in `$JAX_COMPILATION_CACHE_DIR`, else in `$XDG_CACHE_HOME` (or `~/.cache`) `/graphrl_jax/jax`.
+    The cache is in `$JAX_COMPILATION_CACHE_DIR`, else in `$XDG_CACHE_HOME` (or `~/.cache`) `/graphrl_jax/jax`. A user
+    without a home folder, as in some containers, has none.
     """
     if not os.environ.get("JAX_COMPILATION_CACHE_DIR"):
-        cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "graphrl_jax" / "jax"
-        jax.config.update("jax_compilation_cache_dir", str(cache))
+        with contextlib.suppress(RuntimeError):  # of a missing home folder
+            cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "graphrl_jax" / "jax"
+            jax.config.update("jax_compilation_cache_dir", str(cache))
     _keep_freed_memory()
     return ProcessLog()
 

@@ -29,6 +29,22 @@ def test_versions_and_device_are_named():
     assert jax.default_backend() in runtime.device() and runtime.default_preset() in PRESETS
 
 
+def test_without_a_home_folder_there_is_no_persistent_cache(monkeypatch):
+    def no_home() -> Path:
+        raise RuntimeError("Could not determine home directory.")
+
+    updates = []
+    monkeypatch.setattr(runtime.Path, "home", no_home)
+    monkeypatch.setattr(jax.config, "update", lambda *update: updates.append(update))
+    for name in ("JAX_COMPILATION_CACHE_DIR", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    runtime.configure()
+    assert updates == []
+    monkeypatch.setenv("XDG_CACHE_HOME", "caches")
+    runtime.configure()
+    assert updates == [("jax_compilation_cache_dir", str(Path("caches", "graphrl_jax", "jax")))]
+
+
 @pytest.fixture(autouse=True)
 def commit_is_asked_anew():
     yield

@@ -16,6 +16,7 @@ from typing import Any, TextIO
 import tyro
 
 from graphrl_jax.cli import requests
+from graphrl_jax.cli.options import refuse_seeds
 from graphrl_jax.json_text import to_json
 
 COMMANDS: dict[str, tuple[type, str]] = {
@@ -48,6 +49,7 @@ def _carry_out(request: Any) -> None:
         command = importlib.import_module(f"{__name__}.{name}")
     with _output_of_libraries_aside() as stdout:
         try:
+            refuse_seeds(request)
             answer = command.run(request)
         except (ValueError, OSError) as error:
             print(f"error: {error}", file=sys.stderr)

@@ -9,6 +9,7 @@ from graphrl_jax.cli.options import refuse_existing
 from graphrl_jax.cli.requests import Import
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.perception.importers.convert import Source, demonstrations_of, track_recording
+from graphrl_jax.perception.importers.recording import resampled, same_rate
 from graphrl_jax.perception.model_detector import ultralytics
 from graphrl_jax.pretrain.config import PretrainHyper
 from graphrl_jax.progress import Progress
@@ -25,11 +26,13 @@ def run(request: Import) -> dict[str, Any]:
     detector = task.detector() if request.weights is None else ultralytics(request.weights, task.objects)
     tracks, first, rates = [], None, set()
     with Progress() as progress:
-        for recording in source.recordings(task.objects):
-            tracks.append((*track_recording(recording, task.objects, detector), recording.success))
+        for read in source.recordings(task.objects):
+            recording = resampled(read, request.frame_rate)
+            boxes, mask, notes = track_recording(recording, task.objects, detector)
+            tracks.append((boxes, mask, recording.success))
             first = recording.frames if first is None else first
             rates |= {recording.frame_rate} - {None}
-            progress.note(f"{recording.source}: {len(tracks[-1][0])} frames")
+            progress.note("; ".join([f"{recording.source}: {len(boxes)} frames", *recording.notes, *notes]))
     if request.overlay is not None and first is None:
         raise ValueError(f"--overlay {request.overlay}: the source has boxes alone, no images")
     rate = _frame_rate(request.frame_rate, rates, task.frame_rate)
@@ -51,9 +54,9 @@ def _check(request: Import) -> None:
 
 def _frame_rate(asked: float | None, found: set[float], usual: float) -> float:
     """Frames per second: the requested rate, else that of the videos, else that of the task."""
-    if asked is None and len(found) > 1:
+    if asked is None and found and not same_rate(min(found), max(found)):
         raise ValueError(f"the videos have {sorted(found)} frames per second; --frame-rate says which to take for all")
-    return asked or next(iter(found), usual)
+    return asked or min(found, default=usual)
 
 
 def _share_seen(demos: Demonstrations) -> float:

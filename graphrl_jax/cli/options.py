@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal
 import docstring_parser
 import tyro
 
+LARGEST_SEED = 2**32 - 1
 _METAVARS = {int: "INT", float: "FLOAT", bool: "{True,False}", str: "STR", tuple[int, ...]: "[INT [INT ...]]"}
 
 
@@ -83,3 +84,18 @@ def refuse_existing(out: Path) -> None:
     """
     if out.exists():
         raise ValueError(f"--out {out} exists already; choose another name")
+
+
+def refuse_seeds(request: Any) -> None:
+    """Refuses seeds that random numbers cannot start from.
+
+    Raises:
+      ValueError: `seed`, or one of the `seeds` from `first_seed` on, is out of range.
+    """
+    for name in ("seed", "first_seed"):
+        first = getattr(request, name, 0)
+        last = first + (getattr(request, "seeds", 1) - 1 if name == "first_seed" else 0)
+        if first < 0 or last > LARGEST_SEED:
+            option = name.replace("_", "-")
+            upto = f" and the last seed {last}" if last > first else ""
+            raise ValueError(f"--{option} is {first}{upto}; allowed: 0 to {LARGEST_SEED}")

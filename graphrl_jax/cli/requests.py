@@ -156,12 +156,12 @@ class Import:
     """Makes a demonstration file from recordings: videos, folders of frames, MAGICAL's .pkl.gz, or ready-made boxes.
 
     Attributes:
-      source: file or folder; one demonstration per video, per folder of frames or labels, per .pkl.gz.
+      source: file or folder; one demonstration per video, per sequence of frames or labels in a folder, per .pkl.gz.
       out: file to write (.npz); must not exist.
       task: registered task of the recordings.
       format: format of the source.
       size: width and height of the images, for corner files.
-      frame_rate: frames per second.
+      frame_rate: frames per second; videos are resampled to it.
       weights: weights of an Ultralytics model that finds the objects.
       overlay: video file to write, the first demonstration with boxes and names; moved objects are orange.
     """
@@ -169,7 +169,7 @@ class Import:
     source: tyro.conf.Positional[Path]
     out: Path
     task: TaskName = "match_regions"
-    format: Annotated[str | None, optional(f"{{{','.join(FORMATS)}}}", "told by the files' names")] = None
+    format: Annotated[str | None, optional(f"{{{','.join(FORMATS)}}}", "told by the files")] = None
     size: Annotated[tuple[int, int] | None, optional("INT INT", "the source says it")] = None
     frame_rate: Annotated[float | None, optional("FLOAT", "the videos' own, else the task's")] = None
     weights: Annotated[Path | None, optional("PATH", "the task's own detector")] = None

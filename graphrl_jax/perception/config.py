@@ -4,4 +4,4 @@ from typing import Literal, get_args
 
 Format = Literal["magical", "video", "frames", "coco", "yolo", "corners"]
 FORMATS: tuple[str, ...] = get_args(Format)
-"""Formats of recordings, in the order in which a source is checked for them."""
+"""Formats of recordings."""

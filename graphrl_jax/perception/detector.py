@@ -9,10 +9,17 @@ import numpy as np
 
 
 class Detection(NamedTuple):
-    """An object in a frame: its class and its box (4,) float32, cx, cy, w, h in units of the frame."""
+    """An object in a frame.
+
+    Attributes:
+      class_id: its class.
+      box: (4,) float32, cx, cy, w, h in units of the frame.
+      confidence: from 0 to 1; ranks the detections of a class if they are more than its slots.
+    """
 
     class_id: int
     box: np.ndarray
+    confidence: float = 1.0
 
 
 class Detector(Protocol):

@@ -52,7 +52,7 @@ class ModelDetector:
             boxes = _numbers(result.boxes.xywhn).astype(np.float32).reshape(-1, 4)
             classes, scores = _numbers(result.boxes.cls), _numbers(result.boxes.conf)
         return [
-            Detection(self._ids[int(number)], box)
+            Detection(self._ids[int(number)], box, float(score))
             for box, number, score in zip(boxes, classes, scores, strict=True)
             if score >= self._confidence and int(number) in self._ids
         ]

@@ -22,27 +22,44 @@ _FRESH, _ELSEWHERE, _NEVER = 2.0, 100.0, 1e6
 
 
 def track(frames: Iterable[list[Detection]], objects: ObjectTable) -> tuple[np.ndarray, np.ndarray]:
-    """Boxes (T, N, 4) float32 and mask (T, N) bool of a sequence of detections.
+    """Boxes (T, N, 4) float32 and mask (T, N) bool of a sequence of detections: `assign`, then `bridge`."""
+    return bridge(assign(frames, objects))
 
-    Objects of one class that first appear together fill its slots from left to right. A detection without a slot is
-    dropped.
+
+def assign(frames: Iterable[list[Detection]], objects: ObjectTable) -> np.ndarray:
+    """Boxes (T, N, 4) float32 of a sequence of detections, NaN where an object was not seen.
+
+    Objects of one class that first appear together fill its slots from left to right. Of more detections than a class
+    has slots, the most confident ones are tracked. A detection without a slot is dropped.
     """
     classes = np.array(objects.class_ids)
     last = np.full((objects.num_slots, 4), np.nan, np.float32)
     unseen = np.ones(objects.num_slots)
-    rows = []
+    rows = [np.zeros((0, objects.num_slots, 4), np.float32)]
     for detections in frames:
         row = np.full_like(last, np.nan)
+        detections = _most_confident(detections, classes)
         if detections:
             boxes = np.stack([detection.box for detection in detections])
             found = np.array([detection.class_id for detection in detections])
             for slot, index in _assignment(boxes, found, last, FARTHEST * unseen, classes):
                 row[slot] = last[slot] = boxes[index]
         unseen = np.where(np.isnan(row[:, 0]), unseen + 1, 1)
-        rows.append(row)
-    if not rows:
-        return np.zeros((0, objects.num_slots, 4), np.float32), np.zeros((0, objects.num_slots), bool)
-    return bridge(np.stack(rows))
+        rows.append(row[None])
+    return np.concatenate(rows)
+
+
+def _most_confident(detections: list[Detection], classes: np.ndarray) -> list[Detection]:
+    """As many detections of each class as it has slots (N,), and those as confident as the last one of them."""
+    kept = []
+    for class_id in dict.fromkeys(detection.class_id for detection in detections):
+        # Of a box that is listed twice, one counts.
+        same = {detection.box.tobytes(): detection for detection in detections if detection.class_id == class_id}
+        slots = int(np.sum(classes == class_id))
+        ranked = sorted((detection.confidence for detection in same.values()), reverse=True)
+        least = ranked[min(slots, len(ranked)) - 1] if slots else np.inf
+        kept += [detection for detection in same.values() if detection.confidence >= least]
+    return kept
 
 
 def _assignment(

@@ -1,13 +1,16 @@
 """Options of commands, one for every field of a config."""
 
 from dataclasses import fields
+from pathlib import Path
 
 import pytest
 
-from graphrl_jax.cli.options import asked_for, field_help, overrides, refuse_existing
-from graphrl_jax.cli.requests import Train
+from graphrl_jax import cli
+from graphrl_jax.cli.options import asked_for, field_help, overrides, refuse_existing, refuse_seeds
+from graphrl_jax.cli.requests import Demos, Sweep, Train
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 from graphrl_jax.rl.config import PPOConfig, PPOHyper
+from tests.helpers.commands import rejected
 
 
 def test_only_what_was_given_is_asked_for():
@@ -30,3 +33,22 @@ def test_a_file_that_exists_is_not_overwritten(tmp_path):
     (tmp_path / "demos.npz").touch()
     with pytest.raises(ValueError, match="demos.npz exists already; choose another name"):
         refuse_existing(tmp_path / "demos.npz")
+
+
+@pytest.mark.parametrize("seed", [-1, 2**32, 2**63])
+@pytest.mark.parametrize(
+    "command, option",
+    [("train", "seed"), ("demos", "seed"), ("pretrain", "seed"), ("evaluate", "seed"), ("sweep", "first-seed")],
+)
+def test_a_seed_out_of_range_is_one_sentence_and_leaves_nothing(capsys, tmp_path, command, option, seed):
+    arguments = {"pretrain": ["--demos", tmp_path / "demos.npz"], "evaluate": [tmp_path]}.get(command, [])
+    arguments = [command, *arguments, f"--{option}", seed, "--out", tmp_path / "out"]
+    assert f"--{option} is {seed}; allowed: 0 to 4294967295" in rejected(capsys, arguments, main=cli.main)
+    assert not list(tmp_path.iterdir())
+
+
+def test_all_seeds_of_a_sweep_are_in_range():
+    refuse_seeds(Sweep(Path("out"), first_seed=2**32 - 2, seeds=2))
+    refuse_seeds(Demos(Path("out"), seed=2**32 - 1))
+    with pytest.raises(ValueError, match="--first-seed is 4294967294 and the last seed 4294967296; allowed: 0 to"):
+        refuse_seeds(Sweep(Path("out"), first_seed=2**32 - 2, seeds=3))

@@ -36,7 +36,7 @@ def test_a_model_with_torchvisions_interface():
     result = {"boxes": np.array([[20.0, 10.0, 60.0, 30.0]]), "labels": np.array([1]), "scores": np.array([0.8])}
     detector = ModelDetector(lambda image: [result], ("box", "shoe"), names={1: "box"}, prepare=lambda frame: [frame])
     (detection,) = detector.detect(FRAME)
-    assert detection.class_id == 0
+    assert (detection.class_id, detection.confidence) == (0, 0.8)
     np.testing.assert_allclose(detection.box, [0.2, 0.2, 0.2, 0.2])
 
 

@@ -67,6 +67,22 @@ def test_what_finds_no_slot_is_dropped():
     assert mask.all() and boxes[0, 1, 0] == pytest.approx(0.2)
 
 
+def test_the_most_confident_detections_of_a_class_are_tracked():
+    def shoes(*ranked):
+        return [Detection(1, box(x), confidence) for x, confidence in ranked]
+
+    frames = [shoes((0.1, 0.3), (0.7, 0.9), (0.4, 0.8)), shoes((0.4, 0.2), (0.9, 0.7), (0.1, 0.9)), shoes((0.1, 0.1))]
+    boxes, mask = track(frames, OBJECTS)
+    np.testing.assert_allclose(boxes[0, 1:, 0], [0.4, 0.7])
+    np.testing.assert_allclose(sorted(boxes[1, 1:, 0]), [0.1, 0.9])
+    assert mask[2].sum() == 1  # alone, an unsure detection counts
+
+
+def test_a_box_that_is_listed_twice_counts_once():
+    boxes, mask = track([[Detection(1, box(0.2)), Detection(1, box(0.2))]], OBJECTS)
+    np.testing.assert_array_equal(mask, [[False, True, False]])
+
+
 def test_nothing_at_all():
     boxes, mask = track([], OBJECTS)
     assert boxes.shape == (0, 3, 4) and mask.shape == (0, 3)

@@ -1,7 +1,7 @@
 """Conversion of recordings to demonstrations: detection, tracking, padding."""
 
-from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,13 +10,13 @@ from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.perception.config import FORMATS
 from graphrl_jax.perception.detector import Detector
-from graphrl_jax.perception.importers import images, labels, magical
+from graphrl_jax.perception.importers import coco, images, labels, magical, videos
 from graphrl_jax.perception.importers.recording import ImportFailure, Recording, Recordings, files_of
-from graphrl_jax.perception.tracking import track
+from graphrl_jax.perception.tracking import assign, bridge
 
 ENDINGS: dict[str, tuple[str, ...]] = {
     "magical": (".pkl.gz",),
-    "video": images.VIDEO_ENDINGS,
+    "video": videos.VIDEO_ENDINGS,
     "frames": images.IMAGE_ENDINGS,
     "coco": (".json",),
     "yolo": (".txt",),
@@ -30,11 +30,11 @@ class Source:
 
     Attributes:
       path: file or folder.
-      format: one of `FORMATS`, or None to infer it from the file names.
+      format: one of `FORMATS`, or None to infer it from the files.
       size: width and height of the images, which corner files do not contain.
 
     Raises:
-      ImportFailure: the path is missing, the format is unknown or cannot be inferred, or the size is missing.
+      ImportFailure: the path is missing, the format is unknown or cannot be inferred, or the size is missing or 0.
     """
 
     path: Path
@@ -50,57 +50,88 @@ class Source:
             raise ImportFailure(f"unknown format {self.format!r}; known formats: {', '.join(FORMATS)}")
         if self.format == "corners" and self.size is None:
             raise ImportFailure("corner files are in pixels: the size of the images is missing")
+        if self.size is not None and min(self.size) < 1:
+            raise ImportFailure(f"the size of the images is {self.size[0]} x {self.size[1]}; allowed: 1 x 1 or more")
 
     def recordings(self, objects: ObjectTable) -> Recordings:
         """The recordings, read one at a time."""
-        files = files_of(self.path, *ENDINGS[str(self.format)])
+        found = files_of(self.path, *ENDINGS[str(self.format)])
+        # Where no file is of the format, its reader says what is wrong with the first.
+        files = _of_format(str(self.format), found) or found
         match self.format:
             case "magical":
                 return magical.read_trajectories(files)
             case "video":
-                return images.read_videos(files)
+                return videos.read_videos(files)
             case "frames":
                 return images.read_frame_folders(files)
             case "coco":
-                return labels.read_coco(files, objects.class_names)
+                return coco.read_coco(files, objects.class_names)
             case "yolo":
-                return labels.read_label_folders(files, labels.yolo_line(objects.class_names))
+                return labels.read_label_folders(files, partial(labels.yolo_line, objects.class_names, self.path))
         assert self.size is not None
-        return labels.read_label_folders(files, labels.corner_line(objects.class_ids, self.size))
+        read = labels.corner_line(objects.class_ids, self.size)
+        return labels.read_label_folders(files, lambda _: read)
+
+
+def _of_format(name: str, files: list[Path]) -> list[Path]:
+    """The files that are of a format by their content, where other files have the same ending."""
+    match name:
+        case "coco":
+            return coco.coco_files(files)
+        case "yolo" | "corners":
+            return labels.label_files(files)
+    return files
 
 
 def guess_format(path: Path) -> str:
-    """The format of a source by its file names: the first match in `FORMATS`. Text files count as YOLO labels.
+    """The format of a source by its files. Text files count as YOLO labels, and images beside labels as theirs.
 
     Raises:
-      ImportFailure: no file has a known format.
+      ImportFailure: no file has a known format, or files have several.
     """
-    for name in FORMATS:
-        if files_of(path, *ENDINGS[name]):
-            return name
-    raise ImportFailure(f"{path} holds nothing of a known format; known formats: {', '.join(FORMATS)}")
+    found = [
+        name
+        for name in FORMATS
+        if name != "corners"
+        and (files := files_of(path, *ENDINGS[name]))
+        and (path.is_file() or _of_format(name, files))
+    ]
+    if not found:
+        raise ImportFailure(f"{path} holds nothing of a known format; known formats: {', '.join(FORMATS)}")
+    ready = [name for name in found if name in ("coco", "yolo")]
+    if len(ready or found) > 1:
+        raise ImportFailure(f"{path} holds {' and '.join(ready or found)}; --format says which to read")
+    return (ready or found)[0]
 
 
 def track_recording(
     recording: Recording, objects: ObjectTable, detector: Detector | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """Boxes (T, N, 4) and mask (T, N) of a recording: the detector's if it has images, else its own detections.
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Boxes (T, N, 4) and mask (T, N) of a recording, and notes on what tracking did to it.
+
+    Boxes are the detector's if the recording has images, else its own detections.
 
     Raises:
       ImportFailure: there are no frames, there are images but no detector, or no object was detected.
     """
-    detections: Iterable = recording.detections or []
-    length = len(recording.detections or ())
+    detections = recording.detections or []
     if recording.frames is not None:
         if detector is None:
             raise ImportFailure(f"{recording.source}: images need a detector, and this task has none of its own")
-        detections, length = map(detector.detect, recording.frames), len(recording.frames)
-    if not length:
+        detections = [detector.detect(frame) for frame in recording.frames]
+    if not detections:
         raise ImportFailure(f"{recording.source}: no frames")
-    boxes, mask = track(detections, objects)
+    seen = assign(detections, objects)
+    boxes, mask = bridge(seen)
     if not mask.any():
         raise ImportFailure(f"{recording.source}: none of the objects {', '.join(objects.names)} was seen in any frame")
-    return boxes, mask
+    taken = int(np.sum(~np.isnan(seen[..., 0])))
+    counts = {
+        "boxes bridged over gaps": int(mask.sum()) - taken,
+        "boxes dropped for want of a slot": sum(map(len, detections)) - taken,
+    }
+    return boxes, mask, tuple(f"{what}: {count}" for what, count in counts.items() if count)
 
 
 def demonstrations_of(

@@ -1,33 +1,63 @@
-"""Readers of ready-made boxes: YOLO's text labels, corner text files, COCO's JSON."""
+"""Readers of text files with ready-made boxes: YOLO's labels and corner files, one file per frame."""
 
-import json
 import re
-from collections import defaultdict
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from graphrl_jax.demonstrations import BOX_RANGE
 from graphrl_jax.perception.detector import Detection
-from graphrl_jax.perception.importers.recording import ImportFailure, Recording, Recordings, folders_of, in_order
+from graphrl_jax.perception.importers.boxes import box_of_points, checked_box, checked_confidence
+from graphrl_jax.perception.importers.class_names import TEXT_NAMES, class_id, class_names_of
+from graphrl_jax.perception.importers.images import IMAGE_ENDINGS
+from graphrl_jax.perception.importers.recording import (
+    ImportFailure,
+    Recording,
+    Recordings,
+    folders_of,
+    in_order,
+    read_text,
+)
+from graphrl_jax.perception.importers.sequences import sequences
 
+_POINT_RANGE = (-0.01, 1.01)
+"""Points of polygons lie in the image, but for rounding; what lies outside is no point."""
 LineReader = Callable[[list[float], int, str], Detection]
 """Makes a detection from the numbers of a line, the line's index in the file (from 0) and its place for messages."""
-# Above this many frames per file, the numbers in file names cannot be frame numbers.
-_MOST_SPARSE = 20
 
 
-def yolo_line(class_names: Sequence[str]) -> LineReader:
-    """Reader of lines `class cx cy w h [confidence]`, in units of the image; classes are those of the object table."""
+def yolo_line(class_names: Sequence[str], source: Path, folder: Path) -> LineReader:
+    """Reader of lines `class cx cy w h [confidence]` or `class x0 y0 x1 y1 ... [confidence]`, in units of the image.
+
+    Args:
+      class_names: class names of the object table.
+      source: source of the import.
+      folder: folder of the label files; class names may lie between it and the source.
+    """
+    named = class_names_of(folder, source)
 
     def read(numbers: list[float], _: int, where: str) -> Detection:
-        if len(numbers) not in (5, 6):
-            raise ImportFailure(f"{where}: {len(numbers)} numbers; allowed: class cx cy w h [confidence]")
-        if numbers[0] not in range(len(class_names)):
-            raise ImportFailure(f"{where}: class {numbers[0]:g}; allowed: 0 to {len(class_names) - 1}")
-        return Detection(int(numbers[0]), _checked(np.array(numbers[1:5], np.float32), where))
+        count = len(numbers)
+        # Seven numbers may be a triangle, or a box with a confidence and a track.
+        if count < 5 or count == 7:
+            raise ImportFailure(
+                f"{where}: {count} numbers; allowed: class cx cy w h [confidence], or class and a polygon of 4 points "
+                "or more"
+            )
+        if not numbers[0].is_integer():
+            raise ImportFailure(f"{where}: class {numbers[0]:g}; allowed: whole numbers")
+        found = class_id(int(numbers[0]), named, class_names, where)
+        confidence = 1.0
+        if count % 2 == 0:
+            confidence = checked_confidence(numbers.pop(), f"{where}: number {count}")
+        box = numbers[1:]
+        if len(box) == 4:
+            return Detection(found, checked_box(np.array(box), where), confidence)
+        low, high = _POINT_RANGE
+        outside = [point for point in box if not low <= point <= high]
+        if outside:
+            raise ImportFailure(f"{where}: the polygon has a point at {outside[0]:g}; allowed: 0 to 1")
+        return Detection(found, box_of_points(box, where), confidence)
 
     return read
 
@@ -44,98 +74,83 @@ def corner_line(class_ids: Sequence[int], size: tuple[int, int]) -> LineReader:
         if row >= len(class_ids):
             raise ImportFailure(f"{where}: more lines than the table's {len(class_ids)} objects")
         low, high = np.array(numbers[:2]) / size, np.array(numbers[2:]) / size
-        return Detection(class_ids[row], _checked(np.concatenate([(low + high) / 2, high - low]), where))
+        return Detection(class_ids[row], checked_box(np.concatenate([(low + high) / 2, high - low]), where))
 
     return read
 
 
-def read_label_folders(files: list[Path], read: LineReader) -> Recordings:
-    """Yields a recording per folder of text files, one file per frame.
+def label_files(files: Sequence[Path]) -> list[Path]:
+    """The text files that hold labels: not class names, nor others without a number in the name or the first word."""
+    return [path for path in files if path.name.lower() not in TEXT_NAMES and _holds_labels(path)]
 
-    File names end in frame numbers. A number that is skipped is a frame without detections.
+
+def _holds_labels(path: Path) -> bool:
+    if re.search("[0-9]", path.stem):
+        return True
+    try:
+        words = read_text(path).split()
+    except ImportFailure:
+        return False
+    return not words or _is_number(words[0])
+
+
+def read_label_folders(files: list[Path], reader_of: Callable[[Path], LineReader]) -> Recordings:
+    """Yields a recording per sequence of label files in a folder, one file per frame.
+
+    A number that is skipped, and an image without a label file, is a frame without detections.
+
+    Args:
+      files: label files.
+      reader_of: makes the reader of the lines of a folder's files.
+
+    Raises:
+      ImportFailure: see `sequences`, `FrameSequence.with_gaps` and the readers.
     """
     for folder, paths in folders_of(files).items():
-        detections = []
-        for path in _with_gaps(folder, paths):
-            if path is None:
-                detections.append([])
-                continue
-            lines = [line for line in path.read_text(errors="replace").splitlines() if line.strip()]
-            detections.append(
-                [read(_numbers(line, path, i), i, f"{path}, line {i + 1}") for i, line in enumerate(lines)]
-            )
-        # A line of zeros marks an object that was not seen.
-        seen = [[detection for detection in frame if detection.box[2:].any()] for frame in detections]
-        yield Recording(folder, detections=seen)
+        read, labels = reader_of(folder), set(paths)
+        found = sequences([*paths, *_unlabelled(folder, paths)])
+        for sequence in found:
+            frames, notes = sequence.with_gaps()
+            detections = [_detections(Path(path), read) if path in labels else [] for path in frames]
+            yield Recording(sequence.source(folder, found), detections=detections, notes=notes)
 
 
-def read_coco(files: list[Path], class_names: Sequence[str]) -> Recordings:
-    """Yields a recording per folder in COCO's `images`; frames are sorted by the numbers in their names.
+def _unlabelled(folder: Path, labels: list[Path]) -> list[Path]:
+    """Images without a label file, if all labels of a folder have their images beside them.
 
-    `annotations` hold `image_id`, `category_id` and `bbox` (x0, y0, w, h in pixels); `categories` name the classes.
+    Images are in the folder, or in a folder `images` in the place of `labels`.
     """
-    for path in files:
-        yield from _read_coco(path, class_names)
+    parts = list(folder.parts)
+    at = [index for index, part in enumerate(parts) if part == "labels"][-1:]
+    stems = {path.stem for path in labels}
+    for place in (folder, *(Path(*parts[:index], "images", *parts[index + 1 :]) for index in at)):
+        images = {path.stem: path for path in in_order(place.glob("[!.]*")) if path.suffix.lower() in IMAGE_ENDINGS}
+        if stems <= images.keys():
+            return [path for stem, path in images.items() if stem not in stems and re.search("[0-9]", stem)]
+    return []
 
 
-def _read_coco(path: Path, class_names: Sequence[str]) -> Recordings:
+def _detections(path: Path, read: LineReader) -> list[Detection]:
+    found = []
+    for index, line in enumerate(read_text(path).splitlines()):
+        if line.strip():
+            where = f"{path}, line {index + 1}"
+            found.append(read(_numbers(line, where), index, where))
+    # A line of zeros marks an object that was not seen.
+    return [detection for detection in found if detection.box[2:].any()]
+
+
+def _numbers(line: str, where: str) -> list[float]:
+    words = line.split()
+    words = [word.strip(",") for word in words] if len(words) > 1 else line.strip().split(",")
+    if not all(_is_number(word) for word in words if word):
+        raise ImportFailure(f"{where}: {line.strip()!r} is not a list of numbers")
+    return [float(word) for word in words if word]
+
+
+def _is_number(word: str) -> bool:
     try:
-        content = json.loads(path.read_text())
-        names = {category["id"]: category["name"] for category in content["categories"]}
-        images = {image["id"]: image for image in content["images"]}
-        annotations = list(content["annotations"])
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise ImportFailure(f"{path}: not COCO's JSON: {error}") from None
-    found: dict[Any, list[Detection]] = defaultdict(list)
-    for number, annotation in enumerate(annotations):
-        where = f"{path}: annotations[{number}]"
-        try:
-            image, name = images[annotation["image_id"]], names[annotation["category_id"]]
-            corner, extent = np.array(annotation["bbox"], float).reshape(2, 2)
-            size = np.array([image["width"], image["height"]], float)
-        except (KeyError, TypeError, ValueError) as error:
-            raise ImportFailure(f"{where}: {type(error).__name__} {error}") from None
-        if name not in class_names:
-            raise ImportFailure(f"{where}: category {name!r}; allowed: {', '.join(class_names)}")
-        box = np.concatenate([(corner + extent / 2) / size, extent / size])
-        found[annotation["image_id"]].append(Detection(class_names.index(name), _checked(box, where)))
-    folders: dict[Path, list[tuple[Path, Any]]] = defaultdict(list)
-    for key, image in images.items():
-        name = Path(str(image.get("file_name", key)))
-        folders[name.parent].append((name, key))
-    for folder in sorted(folders):
-        keys = dict(folders[folder])
-        yield Recording(path / folder, detections=[found[keys[name]] for name in in_order(keys)])
-
-
-def _with_gaps(folder: Path, paths: list[Path]) -> list[Path | None]:
-    """The file of each frame, None for skipped numbers; the files as they are if names lack a number of their own."""
-    ends = [re.search(r"(\d+)$", path.stem) for path in paths]
-    numbers = [int(end[1]) for end in ends if end]
-    if len(set(numbers)) < len(paths):
-        return list(paths)
-    step = min(np.diff(numbers), default=1)
-    frames = (numbers[-1] - numbers[0]) // step + 1
-    if any((number - numbers[0]) % step for number in numbers) or frames > _MOST_SPARSE * len(paths):
-        raise ImportFailure(
-            f"{folder}: the files' numbers skip from {numbers[0]} to {numbers[-1]} in {len(paths)} files"
-        )
-    by_frame = dict(zip(((number - numbers[0]) // step for number in numbers), paths, strict=True))
-    return [by_frame.get(frame) for frame in range(frames)]
-
-
-def _numbers(line: str, path: Path, index: int) -> list[float]:
-    try:
-        return [float(word) for word in line.replace(",", " ").split()]
+        float(word)
     except ValueError:
-        raise ImportFailure(f"{path}, line {index + 1}: {line.strip()!r} is not a list of numbers") from None
-
-
-def _checked(box: np.ndarray, where: str) -> np.ndarray:
-    low, high = BOX_RANGE
-    if not np.isfinite(box).all() or (box < low).any() or (box > high).any() or (box[2:] < 0).any():
-        shown = ", ".join(f"{value:.4g}" for value in box)
-        raise ImportFailure(
-            f"{where}: the box (cx, cy, w, h) is {shown}; allowed: {low} to {high}, in units of the image"
-        )
-    return box.astype(np.float32)
+        return False
+    return True

@@ -29,8 +29,39 @@ def test_formats_are_told_by_names(tmp_path):
         folder.mkdir()
         (folder / name).touch()
         assert guess_format(folder) == guess_format(folder / name) == expected
+    (tmp_path / "nothing").mkdir()
     with pytest.raises(ImportFailure, match="known formats"):
         guess_format(tmp_path / "nothing")
+
+
+@pytest.mark.parametrize(
+    "files, expected",
+    [
+        ({"images/0.png": "", "labels/0.txt": ""}, "yolo"),
+        ({"take.mp4": "", "labels/take_1.txt": ""}, "yolo"),
+        ({"0.png": "", "boxes.json": '{"images": [], "annotations": []}'}, "coco"),
+        (
+            {"0.png": "", "notes.json": '{"info": {}}', "classes.txt": "a", "README.txt": "read", "data.yaml": ""},
+            "frames",
+        ),
+        ({"0.png": "", "Thumbs.db": "", ".hidden.mp4": "", "desktop.ini": ""}, "frames"),
+    ],
+)
+def test_labels_beside_images_are_used_and_other_files_left_out(tmp_path, files, expected):
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+    assert guess_format(tmp_path) == expected
+
+
+@pytest.mark.parametrize(
+    "names, says", [(["0.png", "take.mp4"], "video and frames"), (["0.txt", "boxes.json"], "coco and yolo")]
+)
+def test_several_formats_need_a_choice(tmp_path, names, says):
+    for name in names:
+        (tmp_path / name).write_text('{"images": [], "annotations": []}' if ".json" in name else "")
+    with pytest.raises(ImportFailure, match=f"holds {says}; --format says which to read"):
+        guess_format(tmp_path)
 
 
 def test_every_format_has_its_endings():
@@ -44,6 +75,8 @@ def test_what_a_source_lacks_is_said(tmp_path):
         Source(tmp_path, "avi")
     with pytest.raises(ImportFailure, match="the size of the images is missing"):
         Source(tmp_path, "corners")
+    with pytest.raises(ImportFailure, match="the size of the images is 0 x 10; allowed: 1 x 1 or more"):
+        Source(tmp_path, "corners", (0, 10))
 
 
 def test_a_recording_is_seen_by_a_detector_unless_it_has_detections(tmp_path):
@@ -57,7 +90,7 @@ def test_a_recording_is_seen_by_a_detector_unless_it_has_detections(tmp_path):
     ready = Recording(tmp_path, detections=[seen(0.2), seen(0.3)])
     film = Recording(tmp_path, frames=np.stack([np.full((2, 2, 3), grey, np.uint8) for grey in (20, 30)]))
     for recording, detector in ((ready, None), (film, Eye())):
-        boxes, mask = track_recording(recording, OBJECTS, detector)
+        boxes, mask, _ = track_recording(recording, OBJECTS, detector)
         np.testing.assert_allclose(boxes[:, 1, 0], [0.2, 0.3])
         np.testing.assert_array_equal(mask, [[False, True, False, False]] * 2)
     for recording, says in (
@@ -68,6 +101,15 @@ def test_a_recording_is_seen_by_a_detector_unless_it_has_detections(tmp_path):
     ):
         with pytest.raises(ImportFailure, match=says):
             track_recording(recording, OBJECTS, None)
+
+
+def test_notes_tell_what_tracking_did(tmp_path):
+    def seen(*places: float) -> list[Detection]:
+        return [Detection(1, np.array([x, 0.5, 0.1, 0.1], np.float32)) for x in places]
+
+    _, _, notes = track_recording(Recording(tmp_path, detections=[seen(0.2, 0.5, 0.9), [], seen(0.3)]), OBJECTS, None)
+    assert notes == ("boxes bridged over gaps: 1", "boxes dropped for want of a slot: 1")
+    assert track_recording(Recording(tmp_path, detections=[seen(0.2)]), OBJECTS, None)[2] == ()
 
 
 def test_tracks_are_padded_to_the_longest():

@@ -1,8 +1,20 @@
-"""Files and folders come in order of the numbers in their names."""
+"""Files and folders come in order of the numbers in their names, texts are UTF-8, recordings keep their duration."""
 
 from pathlib import Path
 
-from graphrl_jax.perception.importers.recording import files_of, folders_of, in_order
+import numpy as np
+import pytest
+
+from graphrl_jax.perception.importers.recording import (
+    ImportFailure,
+    Recording,
+    files_of,
+    folders_of,
+    frames_shown,
+    in_order,
+    read_text,
+    resampled,
+)
 
 
 def test_numbers_count_as_numbers():
@@ -22,3 +34,62 @@ def test_files_are_found_at_any_depth_by_their_endings(tmp_path):
     assert found == [tmp_path / "2.PNG", tmp_path / "deep/1.png", tmp_path / "deep/er/10.jpg"]
     assert files_of(tmp_path / "2.PNG", ".png") == [tmp_path / "2.PNG"]
     assert files_of(tmp_path / "notes.txt", ".png") == []
+
+
+def test_hidden_and_system_files_are_left_out(tmp_path):
+    names = ["a/1.png", ".cache/2.png", "__MACOSX/a/._1.png", "a/._1.png", "@eaDir/3.png", "a/.ipynb_checkpoints/4.png"]
+    for name in names:
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).touch()
+    assert files_of(tmp_path, ".png") == [tmp_path / "a/1.png"]
+    assert files_of(tmp_path / ".cache", ".png") == [tmp_path / ".cache/2.png"]  # it was asked for
+
+
+def test_links_are_followed_once(tmp_path):
+    (tmp_path / "far").mkdir()
+    (tmp_path / "far" / "1.png").touch()
+    (tmp_path / "in").mkdir()
+    for name, target in (("a", "../far"), ("b", "../far"), ("loop", "."), ("up", "../in"), ("2.png", "../far/1.png")):
+        (tmp_path / "in" / name).symlink_to(target)
+    assert files_of(tmp_path / "in", ".png") == [tmp_path / "in/2.png", tmp_path / "in/a/1.png"]
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_a_text_has_no_byte_order_mark(tmp_path, encoding):
+    (tmp_path / "a.txt").write_text("größe", encoding)
+    assert read_text(tmp_path / "a.txt") == "größe"
+
+
+def test_what_is_no_text_is_said(tmp_path):
+    (tmp_path / "a.txt").write_bytes(b"gr\xf6\xdfe")
+    with pytest.raises(ImportFailure, match="a.txt: no text in UTF-8: invalid start byte at byte 2"):
+        read_text(tmp_path / "a.txt")
+    (tmp_path / "b.txt").symlink_to("nowhere")
+    with pytest.raises(ImportFailure, match="b.txt: cannot be read: No such file"):
+        read_text(tmp_path / "b.txt")
+
+
+@pytest.mark.parametrize(
+    "rate, shown", [(4, [0, 2, 4]), (8, list(range(6))), (16, [0, 0, 1, 1, 2, 2, 3, 3, 4, 4, 5, 5])]
+)
+def test_a_resampled_recording_keeps_its_duration(tmp_path, rate, shown):
+    frames = np.arange(6, dtype=np.uint8).reshape(6, 1, 1, 1) * np.ones((1, 1, 3), np.uint8)
+    recording = resampled(Recording(tmp_path, frames, frame_rate=8.0, notes=("cut",)), rate)
+    np.testing.assert_array_equal(recording.frames[:, 0, 0, 0], shown)
+    assert recording.frame_rate == rate and len(recording.notes) == 1 + (rate != 8)
+
+
+def test_without_rates_nothing_is_resampled(tmp_path):
+    for recording, rate in (
+        (Recording(tmp_path, np.zeros((2, 1, 1, 3), np.uint8)), 4.0),
+        (Recording(tmp_path, np.zeros((2, 1, 1, 3), np.uint8), frame_rate=8.0), None),
+        (Recording(tmp_path, np.zeros((2, 1, 1, 3), np.uint8), frame_rate=29.97), 30.0),
+        (Recording(tmp_path, detections=[[]]), 4.0),
+    ):
+        assert resampled(recording, rate) is recording
+
+
+def test_a_frame_is_shown_until_the_next_begins():
+    times = np.array([0.0, 0.125, 0.25, 1.0, 1.125])
+    np.testing.assert_array_equal(frames_shown(times, 1.25, 8.0), [0, 1, 2, 2, 2, 2, 2, 2, 3, 4])
+    np.testing.assert_array_equal(frames_shown(np.zeros(1), 0.01, 8.0), [0])
