@@ -32,7 +32,11 @@ def learning_curves(runs: Sequence[Path], labels: Mapping[str, str], path: Path)
       labels: label of the axis, by measure.
       path: of the figure.
     """
-    records = {run.name: Run(run).records("ppo") for run in runs}
+    draw_curves({run.name: Run(run).records("ppo") for run in runs}, labels, path)
+
+
+def draw_curves(records: Mapping[str, Sequence[Mapping[str, float]]], labels: Mapping[str, str], path: Path) -> None:
+    """As `learning_curves`, of log lines by the name of their run."""
     shown = [name for name in labels if all(name in lines[-1] for lines in records.values())]
     figure = Figure(figsize=(4 * len(shown), 3.4), dpi=120, layout="constrained")
     for axes, name in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):

@@ -11,11 +11,11 @@ Of training the table says only how long it took: its episodes start along the e
 solved says nothing about the layout's own starts. The figure shows their success and score, a line per run.
 
 Writes shoes_in_box_policies.json and its figure to `benchmarks/results` (smoke: to `--runs`; gpu:
-shoes_in_box_policies_gpu), from all finished members; `missing` names those that the whole table still lacks. Beside
-them lie the video of the first `graph` member and a few frames of it.
+shoes_in_box_policies_gpu), from all finished members and those that an earlier result file holds; `missing` names
+those that the whole table still lacks. Beside them lie the video of the first `graph` member and a few frames of it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -27,7 +27,7 @@ import tyro
 from benchmarks import members
 from benchmarks.checks import refuse_unknown
 from benchmarks.context import RESULTS, measured_on
-from benchmarks.figures import film, learning_curves
+from benchmarks.figures import draw_curves, film
 from benchmarks.finished import together
 from graphrl_jax.experiment.checkpoints import load_run
 from graphrl_jax.experiment.evaluation import unseen_episodes
@@ -98,11 +98,12 @@ def planned(options: Options) -> list[tuple[str, int]]:
     return [(method, some[turn]) for turn in turns for method, some in seeds.items() if turn < len(some)]
 
 
-def missing_members(options: Options) -> list[str]:
-    """Members of the whole table, and others that are asked for, that are not finished."""
+def missing_members(options: Options, methods: Mapping[str, Any]) -> list[str]:
+    """Members of the whole table, and others that are asked for, that `methods` lacks."""
     whole = [(method, seed) for method, seeds in SEEDS.items() for seed in seeds]
     names = dict.fromkeys(f"{method}_{seed}" for method, seed in [*whole, *planned(options)])
-    return [name for name in names if not members.finished(options.folder / name)]
+    there = {f"{method}_{run['training_seed']}" for method, row in methods.items() for run in row["runs"]}
+    return [name for name in names if name not in there]
 
 
 def train_missing(options: Options) -> None:
@@ -157,6 +158,52 @@ def method_row(paths: list[Path], tasks: Mapping[str, Task], options: Options) -
     return {"engines": engines, "runs": [member(path) for path in paths]}
 
 
+def with_earlier(methods: dict[str, Any], path: Path, options: Options) -> dict[str, Any]:
+    """The rows of all methods, and members of an earlier result file whose folders are no longer there.
+
+    Args:
+      methods: rows of the members in the folder.
+      path: the result file; its members count if they were judged on the same episodes.
+      options: tells which these are.
+    """
+    if not path.exists():
+        return methods
+    earlier = read_json(path)
+    same = {"episodes": EPISODES[options.preset], "evaluation_seed": options.evaluation_seed}
+    if any(earlier[name] != value for name, value in same.items()):
+        return methods
+    joined = {}
+    for name in [method for method in SEEDS if method in {**methods, **earlier["methods"]}]:
+        rows = [row for row in (methods.get(name), earlier["methods"].get(name)) if row]
+        engines = {
+            engine: together(_one_per_seed(row["engines"].get(engine, {"runs": []})["runs"] for row in rows))
+            for engine in ENGINES
+            if any(engine in row["engines"] for row in rows)
+        }
+        joined[name] = {"engines": engines, "runs": _one_per_seed(row["runs"] for row in rows)}
+    return joined
+
+
+def _one_per_seed(runs: Iterable[list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Lists of runs as one, in the order of their seeds; of several with the same seed, the first."""
+    by_seed: dict[int, dict[str, Any]] = {}
+    for some in runs:
+        for run in some:
+            by_seed.setdefault(run["training_seed"], run)
+    return [by_seed[seed] for seed in sorted(by_seed)]
+
+
+def curves_of(methods: Mapping[str, Any]) -> dict[str, list[dict[str, float]]]:
+    """The learning curves of all members as log lines."""
+    return {
+        f"{method}_{run['training_seed']}": [
+            dict(zip(run["curve"], values, strict=True)) for values in zip(*run["curve"].values(), strict=True)
+        ]
+        for method, row in methods.items()
+        for run in row["runs"]
+    }
+
+
 def write_report(options: Options) -> None:
     """Trains, evaluates, prints and writes."""
     where = measured_on("shoes_policies")
@@ -169,17 +216,18 @@ def write_report(options: Options) -> None:
     for method, paths in found.items():
         methods[method] = method_row(paths, tasks, options)
         print(method, {engine: one["success_rate"] for engine, one in methods[method]["engines"].items()}, flush=True)
+    results = options.folder if options.preset == "smoke" else RESULTS
+    name = "shoes_in_box_policies_gpu" if options.preset == "gpu" else "shoes_in_box_policies"
+    methods = with_earlier(methods, results / f"{name}.json", options)
     report = {
         "methods": methods,
-        "missing": missing_members(options),
+        "missing": missing_members(options, methods),
         "episodes": EPISODES[options.preset],
         "evaluation_seed": options.evaluation_seed,
         **where,
     }
-    results = options.folder if options.preset == "smoke" else RESULTS
-    name = "shoes_in_box_policies_gpu" if options.preset == "gpu" else "shoes_in_box_policies"
     write_json(results / f"{name}.json", report)
-    learning_curves([path for paths in found.values() for path in paths], CURVES, results / f"{name}.png")
+    draw_curves(curves_of(methods), CURVES, results / f"{name}.png")
     if "graph" in found:
         film(found["graph"][0], FRAMES, results / f"{name}_rollout")
     print(f"missing: {', '.join(report['missing']) or 'nothing'}; written: {results / name}.json")

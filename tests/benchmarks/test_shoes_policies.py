@@ -12,8 +12,8 @@ def test_one_seed_of_every_reward_is_trained_in_turn(tmp_path):
     options = Options(methods=("graph", "graphirl"), runs=tmp_path)
     assert planned(options) == [("graph", 0), ("graphirl", 0), ("graph", 1), ("graph", 2)]
     assert planned(Options(methods=("env",), seeds=(5, 4))) == [("env", 5), ("env", 4)]
-    write_json(tmp_path / "graph_1" / "summary.json", {})
-    missing = shoes_policies.missing_members(Options(methods=("env",), seeds=(5,), runs=tmp_path))
+    there = {"graph": {"runs": [{"training_seed": 1}]}}
+    missing = shoes_policies.missing_members(Options(methods=("env",), seeds=(5,), runs=tmp_path), there)
     assert "env_5" in missing and "graph_0" in missing and "graph_1" not in missing
 
 
@@ -39,6 +39,31 @@ def test_a_policy_is_judged_by_the_last_frames_of_its_episodes(monkeypatch):
     monkeypatch.setattr(shoes_policies, "unseen_episodes", lambda *arguments: outcomes)
     found = shoes_policies.evaluation(None, None, Options())
     assert found == {"training_seed": 3, "success_rate": 0.25, "mean_score": 0.5, "lid_open": 0.75, "one_shoe": 0.5}
+
+
+def row(rates: dict[int, float], engine: str = "mujoco") -> dict:
+    judged = [{"training_seed": seed, "success_rate": rate, "mean_score": rate} for seed, rate in rates.items()]
+    curve = {"env_steps": [1, 2], "success": [0.0, 0.5]}
+    return {
+        "engines": {engine: {"runs": judged}},
+        "runs": [{"training_seed": seed, "curve": curve, "engine": engine} for seed in rates],
+    }
+
+
+def test_members_of_an_earlier_result_file_are_kept_and_new_ones_count_first(tmp_path):
+    path, options = tmp_path / "result.json", Options()
+    new = {"graph": row({1: 0.5})}
+    assert shoes_policies.with_earlier(new, path, options) == new
+    earlier = {"graph": row({1: 0.25, 0: 1.0}), "env": row({2: 0.75}, "mjx")}
+    write_json(path, {"methods": earlier, "episodes": 256, "evaluation_seed": 7})
+    joined = shoes_policies.with_earlier(new, path, options)
+    assert [run["training_seed"] for run in joined["graph"]["runs"]] == [0, 1]
+    assert joined["graph"]["engines"]["mujoco"]["success_rate"] == 0.75 and list(joined) == ["graph", "env"]
+    assert list(joined["env"]["engines"]) == ["mjx"]
+    lines = [{"env_steps": 1, "success": 0.0}, {"env_steps": 2, "success": 0.5}]
+    assert shoes_policies.curves_of(joined) == {"graph_0": lines, "graph_1": lines, "env_2": lines}
+    # Other episodes say something else.
+    assert shoes_policies.with_earlier(new, path, Options(evaluation_seed=9)) == new
 
 
 @pytest.mark.study
