@@ -51,7 +51,7 @@ SEEDS = {
 EPISODES = {"smoke": 4, "cpu": 256, "gpu": 256}
 KEPT = ("training_seed", "env_steps", "train_steps_per_s", "wall_s", "resumed", "device")
 CURVES = {"success": "success, training episodes", "score": "score, training episodes"}
-FRAMES = (0, 30, 55, 85, 120, 155)
+FRAMES = (0, 34, 72, 94, 120, 150)
 """Frames of an episode that are shown."""
 
 
