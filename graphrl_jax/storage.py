@@ -1,6 +1,7 @@
 """Storage: atomic writes, JSON, and pytrees by key path."""
 
 import json
+import math
 import os
 from collections.abc import Callable
 from pathlib import Path
@@ -9,8 +10,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-
-from graphrl_jax.json_text import to_json
 
 VERSION = 2
 """Version of the pytree format. Version 1 named leaves by their position."""
@@ -52,6 +51,11 @@ def write_arrays(path: Path, arrays: dict[str, Any]) -> None:
             np.savez_compressed(file, **arrays)
 
     write_atomically(path, write)
+
+
+def to_json(value: Any, indent: int | None = None) -> str:
+    """A value as JSON, which knows no NaN and no infinity: they become null."""
+    return json.dumps(_finite(value), indent=indent, allow_nan=False)
 
 
 def write_json(path: Path, value: Any) -> None:
@@ -145,6 +149,15 @@ def load_generation(path: Path, like: Any) -> tuple[Any, str | None]:
 def is_key(leaf: Any) -> bool:
     """Whether a leaf holds typed random keys."""
     return jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key)
+
+
+def _finite(value: Any) -> Any:
+    """The same nested lists and dicts with None in place of floats that are not finite."""
+    if isinstance(value, dict):
+        return {name: _finite(one) for name, one in value.items()}
+    if isinstance(value, list | tuple):
+        return [_finite(one) for one in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _previous(path: Path) -> Path:

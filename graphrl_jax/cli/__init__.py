@@ -17,7 +17,6 @@ import tyro
 
 from graphrl_jax.cli import requests
 from graphrl_jax.cli.options import refuse_seeds
-from graphrl_jax.json_text import to_json
 
 COMMANDS: dict[str, tuple[type, str]] = {
     "train": (requests.Train, "train"),
@@ -46,7 +45,7 @@ def _carry_out(request: Any) -> None:
     name = dict(COMMANDS.values())[type(request)]
     # MJX announces on import that Warp, an optional backend, is missing.
     with contextlib.redirect_stdout(io.StringIO()):
-        command = importlib.import_module(f"{__name__}.{name}")
+        command, storage = map(importlib.import_module, (f"{__name__}.{name}", "graphrl_jax.storage"))
     with _output_of_libraries_aside() as stdout:
         try:
             refuse_seeds(request)
@@ -54,7 +53,7 @@ def _carry_out(request: Any) -> None:
         except (ValueError, OSError) as error:
             print(f"error: {error}", file=sys.stderr)
             raise SystemExit(2) from None
-        print(to_json(answer), file=stdout, flush=True)
+        print(storage.to_json(answer), file=stdout, flush=True)
 
 
 @contextlib.contextmanager

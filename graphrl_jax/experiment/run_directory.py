@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from graphrl_jax.experiment.settings import Settings, as_json, from_json
-from graphrl_jax.json_text import to_json
 from graphrl_jax.runtime import commit
-from graphrl_jax.storage import read_json, write_atomically, write_json
+from graphrl_jax.storage import read_json, to_json, write_atomically, write_json
 
 VERSION = 2
 """Version of config.json. Version 1 did not contain the preset's settings."""
