@@ -1,6 +1,7 @@
 """phi(G): nodes are embedded, pooled and passed through a head. The type of the parameters selects the network."""
 
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
@@ -62,6 +63,10 @@ def head(params: GraphParams, pooled: jax.Array) -> jax.Array:
     return pooled if isinstance(params, InteractionParams) else layers.perceptron(params.head, pooled)
 
 
+# Accelerators round the factors of matrix products by default; a reward should be the same number on every device.
+_full_precision = partial(jax.default_matmul_precision, "highest")
+
+
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class GraphEmbeddings:
@@ -81,15 +86,17 @@ class GraphEmbeddings:
 
 def embed(params: GraphParams, graph: Graph, pooling: PoolingParams) -> GraphEmbeddings:
     """Node embeddings, pooled embedding and phi(G) of one graph."""
-    nodes = encode_nodes(params, graph, pooling.robot_messages)
-    pooled = pool(nodes, graph, pooling)
-    return GraphEmbeddings(nodes, pooled, head(params, pooled))
+    with _full_precision():
+        nodes = encode_nodes(params, graph, pooling.robot_messages)
+        pooled = pool(nodes, graph, pooling)
+        return GraphEmbeddings(nodes, pooled, head(params, pooled))
 
 
 def encode(params: EncoderParams, seen: Seen, pooling: PoolingParams) -> jax.Array:
     """phi(G), the embedding of one graph: (D,) float32. XIRL's encoder takes an image and has no pooling."""
     if isinstance(params, PixelParams):
-        return pixels.encode(params, seen)
+        with _full_precision():
+            return pixels.encode(params, seen)
     return embed(params, seen, pooling).graph
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from jax.extend.core import jaxprs_in_params
 
 from graphrl_jax.encoder import encoder, interaction, layers, message_passing, pixels
 from graphrl_jax.encoder.config import EncoderConfig, PixelConfig
@@ -36,6 +37,28 @@ def test_shapes_and_dtypes():
     assert NODES(PARAMS, graph).shape == (5, 6)
     assert ENCODE(PARAMS, graph, POOLING).shape == (5,)
     assert ENCODE(PARAMS, graph, POOLING).dtype == jnp.float32
+
+
+def products(jaxpr) -> list:
+    """Precisions of all matrix products and convolutions, also of those in nested programs."""
+    found = []
+    for equation in jaxpr.eqns:
+        if equation.primitive.name in ("dot_general", "conv_general_dilated"):
+            found.append(equation.params["precision"])
+        for inner in jaxprs_in_params(equation.params):
+            found += products(inner)
+    return found
+
+
+@pytest.mark.parametrize("kind", ["message_passing", "interaction", "pixels"])
+def test_matrix_products_have_full_precision_on_every_device(kind):
+    config = replace(CONFIG, kind=kind)
+    params = encoder.init(jax.random.key(0), config, OBJECTS)
+    graph, image = random_graph(0, OBJECTS.num_slots), jnp.zeros((config.pixels.size, config.pixels.size, 3))
+    seen = image if kind == "pixels" else graph
+    found = products(jax.make_jaxpr(encoder.encode)(params, seen, POOLING).jaxpr)
+    highest = jax.lax.Precision.HIGHEST
+    assert len(found) > 2 and all(one in (highest, (highest, highest)) for one in found)
 
 
 def test_every_step_of_the_way_is_handed_over():
