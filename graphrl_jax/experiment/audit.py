@@ -5,13 +5,12 @@ from typing import Any
 
 import numpy as np
 
-from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.experiment.environments import image_drawer
 from graphrl_jax.experiment.keys import RunStage, stage_key
 from graphrl_jax.experiment.train_encoder import EncoderJob
 from graphrl_jax.reward.config import SUBTASK_METHODS
 from graphrl_jax.reward.discrimination import discrimination
-from graphrl_jax.reward.landscape import Landscape, audit, trajectory_scores
+from graphrl_jax.reward.landscape import Landscape, audit, scores
 from graphrl_jax.reward.model import RewardModel, demonstration_rewards
 from graphrl_jax.reward.subtasks import demonstration_subtasks
 from graphrl_jax.storage import write_json
@@ -34,10 +33,10 @@ def audit_reward(job: EncoderJob, task: Task, model: RewardModel) -> dict[str, A
     """
     report = audit(model, audit_scenes(task, job.seed), image_drawer(task, model))
     plots.landscape(report, job.run.figures / "landscape.png")
-    demonstrations, held_out = job.demonstrations, job.split[1]
-    rewards = np.asarray(demonstration_rewards(model, held_out))
+    unseen, held_out = job.unseen, job.split[1]
+    rewards = np.asarray(demonstration_rewards(model, unseen))
     plots.reward_over_time(
-        rewards,
+        rewards[unseen.success],
         held_out.lengths,
         held_out.events,
         held_out.event_names,
@@ -45,23 +44,10 @@ def audit_reward(job: EncoderJob, task: Task, model: RewardModel) -> dict[str, A
         job.run.figures / "reward_on_demonstrations.png",
         "Learned reward on held-out demonstrations",
     )
-    scores = trajectory_scores(model, job.unseen, horizon=task.episode_length)
-    metrics = {**report.metrics(), "trajectory_scores": scores}
-    if not demonstrations.success.all():
-        metrics["discrimination"] = _discrimination(model, rewards, held_out, demonstrations)
+    metrics = {**report.metrics(), "trajectory_scores": scores(rewards, unseen, horizon=task.episode_length)}
+    if not unseen.success.all():
+        metrics["discrimination"] = discrimination(rewards, unseen.lengths, unseen.success)
     method = SUBTASK_METHODS[0]
     found = demonstration_subtasks(model, held_out, method)
     write_json(job.run.path / "subtasks.json", {"method": method, **found})
     return {**metrics, "subtasks": found.get("judged")}
-
-
-def _discrimination(
-    model: RewardModel, rewards: np.ndarray, held_out: Demonstrations, demonstrations: Demonstrations
-) -> dict[str, Any]:
-    """Held-out successes against all failures; successes of the training set would be too easy."""
-    failed = demonstrations.select(~demonstrations.success)
-    return discrimination(
-        np.concatenate([rewards, np.asarray(demonstration_rewards(model, failed))]),
-        np.concatenate([held_out.lengths, failed.lengths]),
-        np.concatenate([held_out.success, failed.success]),
-    )

@@ -36,16 +36,21 @@ class EncoderJob:
     seed: int
 
     @cached_property
+    def _fitted(self) -> np.ndarray:
+        """Which demonstrations the encoder is trained on: (B,) bool."""
+        fitted = self.demonstrations.success.copy()
+        fitted[fitted] = drawn_share(int(fitted.sum()), FITTED_SHARE, self.seed)
+        return fitted
+
+    @cached_property
     def split(self) -> tuple[Demonstrations, Demonstrations]:
         """Successes for training, and held-out successes."""
-        return self.demonstrations.successes().split(FITTED_SHARE, self.seed)
+        return self.demonstrations.select(self._fitted), self.unseen.successes()
 
     @cached_property
     def unseen(self) -> Demonstrations:
         """All that the encoder is not trained on: held-out successes and all failures."""
-        successes = np.flatnonzero(self.demonstrations.success)
-        fitted = successes[drawn_share(len(successes), FITTED_SHARE, self.seed)]
-        return self.demonstrations.select(np.setdiff1d(np.arange(len(self.demonstrations)), fitted))
+        return self.demonstrations.select(~self._fitted)
 
 
 class _Inputs(NamedTuple):
