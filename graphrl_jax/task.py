@@ -41,6 +41,8 @@ class Task(Env):
       episode_length: control steps per episode.
       frame_rate: control steps per second.
       decision_steps: control steps per decision of the policy.
+      retreat_action: (A,) action that moves the robot away from where it works, with whatever it holds; empty if there
+        is none.
       pretrain_overrides: values of `PretrainHyper` fields for the task's demonstrations, such as 0 for `in_order` if
         objects may be brought in any order.
       training_sizes: sizes of policy training that replace those of a preset, by the preset's name.
@@ -52,6 +54,7 @@ class Task(Env):
     episode_length: int
     frame_rate: float
     decision_steps: int = 1
+    retreat_action: tuple[float, ...] = ()
     pretrain_overrides: Mapping[str, float] = MappingProxyType({})
     training_sizes: Mapping[str, TrainingSize] = MappingProxyType({})
 

@@ -2,11 +2,10 @@
 
 from typing import Any
 
-import jax
-
 from graphrl_jax import runtime
 from graphrl_jax.cli.options import refuse_existing
 from graphrl_jax.cli.requests import Demos
+from graphrl_jax.experiment.keys import RunStage, stage_key
 from graphrl_jax.registry import make_task
 
 
@@ -18,7 +17,8 @@ def run(request: Demos) -> dict[str, Any]:
         value = getattr(request, name)
         if value is not None and value < least:
             raise ValueError(f"--{name} is {value}; allowed: {least} or more")
-    key = jax.random.key(request.seed)
+    # The key of `train`, so that the same seed gives the same demonstrations.
+    key = stage_key(request.seed, RunStage.DEMONSTRATIONS)
     task = make_task(request.task, request.engine)
     made = task.demonstrate(key, request.num, request.failures, request.images)
     made.save(request.out)

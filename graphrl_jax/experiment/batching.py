@@ -128,6 +128,12 @@ def fit(compile_for: Callable[[int], Any], members: int, budget: int | None = No
         size = max(1, min(size - 1, size * budget // need))
 
 
+def spread(count: int) -> int:
+    """`count` members, rounded up to a multiple of the devices: otherwise every device would train all of them."""
+    devices = len(jax.devices())
+    return count if count == 1 else -(-count // devices) * devices
+
+
 def groups(members: Sequence[Any], size: int) -> list[list[Any]]:
     """Groups of exactly `size` members; the last group repeats its last member, so that one program runs all groups."""
     cut = [list(members[start : start + size]) for start in range(0, len(members), size)]

@@ -144,6 +144,9 @@ def compose(
             raise ValueError(f"pretrain.{name} is asked for, but an ablation of {', '.join(ablations)} sets it")
     episode = {"episode_length": task.episode_length, "decision_steps": task.decision_steps}
     decay = {"decay_updates": float(updates)}
+    ppo_config = replace(sizes.ppo_config, **episode | task_fields | ppo_fields)
+    if ppo_config.retreat and not task.retreat_action:
+        raise ValueError(f"retreat is {ppo_config.retreat}; allowed: 0, since task {task.name} has no retreat_action")
     return Settings(
         task=task.name,
         reward=reward,
@@ -157,7 +160,7 @@ def compose(
         engine=engine,
         pretrain_config=replace(_pretrain_config(sizes, method, ablations), **config_fields),
         pretrain=PretrainHyper(**{**task.pretrain_overrides, **method.overrides, **ablated, **floats}),
-        ppo_config=replace(sizes.ppo_config, **episode | task_fields | ppo_fields),
+        ppo_config=ppo_config,
         ppo=PPOHyper(**decay | task_floats | ppo_floats),
     )
 

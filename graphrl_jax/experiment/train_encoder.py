@@ -105,10 +105,12 @@ def _optimise_all(
     @cache
     def program_for(steps: int, count: int) -> Any:
         program = batching.pretrain_program(config, steps, count)
-        return program.lower(*batching.stack(inputs[:count])).compile()
+        (members,) = batching.groups(inputs[:count], count)
+        return program.lower(*batching.stack(members)).compile()
 
     chunk = max(1, config.steps // 10)
-    size, _ = batching.fit(lambda count: program_for(chunk, count), len(jobs))
+    fitting, _ = batching.fit(lambda count: program_for(chunk, batching.spread(count)), len(jobs))
+    size = batching.spread(fitting)
     groups = batching.groups(range(len(jobs)), size)
     progress.begin("pretraining", config.steps * len(groups))
     if len(jobs) > 1:

@@ -32,6 +32,8 @@ class PPOConfig:
       progress: pay the change of the reward from step to step (see `wrappers.Progress`).
       patience: with `progress`, a training episode ends after so many control steps without a better reward; 0 for
         never.
+      retreat: of these control steps, so many at the end are a retreat of the robot (the task's `retreat_action`), which
+        takes along what it still holds.
       normalise_reward: divide the reward by the running standard deviation of the discounted returns.
       stagger_episodes: start the first episodes at random step counts.
 
@@ -51,6 +53,7 @@ class PPOConfig:
     initial_std: float = 0.6065
     progress: bool = False
     patience: int = 0
+    retreat: int = 0
     normalise_reward: bool = True
     stagger_episodes: bool = True
 
@@ -63,6 +66,8 @@ class PPOConfig:
             raise ValueError(f"patience is {self.patience}; allowed: 0 or more")
         if self.patience and not self.progress:
             raise ValueError(f"patience is {self.patience} without progress; allowed: 0")
+        if not 0 <= self.retreat <= max(self.patience - 1, 0):
+            raise ValueError(f"retreat is {self.retreat}; allowed: 0, or up to patience ({self.patience}) less 1")
         for name, part in (("num_envs", "num_minibatches"), ("episode_length", "decision_steps")):
             value, least = getattr(self, name), getattr(self, part)
             if value % least:

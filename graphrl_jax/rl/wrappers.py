@@ -198,22 +198,30 @@ class Progress(_Wrapper):
     An episode that is stuck or finished teaches little, so it ends. It counts as ended for good and not as cut off:
     what is left to gain is 0, and a value network that learns it only from its own guesses diverges.
 
+    Before such an end the robot may retreat: the task's `retreat_action` replaces the policy's for the last steps. A
+    reward that cannot see the robot pays nothing for letting go of an object. But what the robot still holds leaves
+    with it, so the policy learns to let go of what it has brought.
+
     `info`: `last_reward` and `best_reward` () float32; `stuck` () int32, steps since the best reward.
 
     Args:
       env: an environment with time limit.
       patience: the episode ends after so many steps without a better reward; 0 for never.
+      retreat: of these, so many steps at the end are the robot's retreat.
     """
 
-    def __init__(self, env: Env, patience: int = 0):
+    def __init__(self, env: Env, patience: int = 0, retreat: int = 0):
         super().__init__(env)
-        self.patience = patience
+        self.patience, self.retreat = patience, retreat
 
     def begin(self, state: State) -> State:
         return self._remember(state, {}, jnp.zeros(()), jnp.full((), _NO_REWARD), jnp.zeros((), jnp.int32))
 
     def step(self, state: State, action: jax.Array) -> State:
         before = state.info
+        if self.retreat:
+            leaves = before["stuck"] >= self.patience - self.retreat
+            action = jnp.where(leaves, jnp.asarray(self.env.retreat_action), action)
         state = self.env.step(state, action)
         first = before["best_reward"] == _NO_REWARD
         better = state.reward > before["best_reward"] + _BETTER
@@ -330,7 +338,7 @@ def vectorise(env: Env, config: PPOConfig) -> Wrapper:
     `reset` takes keys (B,) and `step` a batched state and actions (B, A).
     """
     limited = Episode(env, config.episode_length)
-    paid = Progress(limited, config.patience) if config.progress else limited
+    paid = Progress(limited, config.patience, config.retreat) if config.progress else limited
     return VmapWrapper(AutoReset(_deciding(paid, config)))
 
 

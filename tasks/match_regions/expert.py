@@ -81,15 +81,13 @@ class PlanState(NamedTuple):
 
 def draw_plan(key: jax.Array, kind: jax.Array, qpos: jax.Array, world: World) -> Plan:
     """A random plan for the blocks at `qpos`; `kind` () int32 is 0 for success, k for `FAILURES[k - 1]`."""
-    order_key, goal_key, speed_key, side_key, pause_key, noise_key = jax.random.split(key, 6)
+    order_key, goal_key, speed_key, side_key, pause_key, noise_key, distractor_key = jax.random.split(key, 7)
     targets = world.present[:NUM_TARGETS].sum()
     first = jnp.where(targets == 1, 0, jax.random.bernoulli(order_key)).astype(jnp.int32)
     second = 1 - first
     starts = blocks(qpos)[:NUM_TARGETS, :2]
     goals = _goals(starts, world.region) + jax.random.uniform(goal_key, (2, 2), minval=-0.05, maxval=0.05)
     others = world.present & (jnp.arange(world.present.shape[0]) >= NUM_TARGETS)
-    # Folded in, not split off: the other draws, and with them all successes, stay what they were.
-    distractor_key = jax.random.fold_in(goal_key, 1)
     distractor = jax.random.categorical(distractor_key, jnp.where(others, 0.0, -jnp.inf))
     outside, corner = _outside(world.region), _corner(world.region)
     aside = outside[1]

@@ -72,6 +72,8 @@ class ShoesInBoxEnv(Env):
     episode_length = 480
     frame_rate = 1 / CONTROL_DT
     decision_steps = 4
+    # Straight up, with the fingers as they are.
+    retreat_action = (0.0, 0.0, 1.0, 0.0, 0.0)
     action_size = 5
     observation_size = observation.SIZE
     backend = "mjx"

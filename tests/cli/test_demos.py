@@ -3,11 +3,16 @@
 import json
 import subprocess
 import sys
+from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from graphrl_jax import cli
 from graphrl_jax.demonstrations import load
+from graphrl_jax.experiment.experiment import make_demonstrations
+from graphrl_jax.experiment.settings import compose
+from graphrl_jax.registry import make_task
 from tests.helpers.commands import call, rejected
 
 pytestmark = pytest.mark.usefixtures("outside_package")
@@ -23,6 +28,15 @@ def test_a_command_prints_nothing_but_its_line(tmp_path):
 def test_successes_and_failures_are_written(demos_file):
     demos = load(demos_file)
     assert (len(demos), int(demos.success.sum()), demos.task) == (8, 6, "carry")
+
+
+def test_the_same_seed_gives_the_demonstrations_of_a_run(demos_file):
+    task = make_task("carry")
+    settings = replace(compose(task, preset="smoke", seed=0), demonstrations=6)
+    run, written = make_demonstrations(task, settings), load(demos_file)
+    count = len(run)
+    np.testing.assert_array_equal(written.boxes[:count, : run.num_frames], run.boxes)
+    np.testing.assert_array_equal(written.success[:count], run.success)
 
 
 def test_images_are_kept_on_request(tmp_path):

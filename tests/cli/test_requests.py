@@ -46,7 +46,7 @@ PRETRAIN_SIZES = {"steps": 7, "batch_size": 3, "num_frames": 5, "decode_from": "
 PPO_FLOATS = {field.name: 0.375 for field in fields(PPOHyper)}
 PPO_SIZES = {
     "num_envs": 12, "unroll_length": 3, "num_epochs": 5, "num_minibatches": 6, "episode_length": 9,
-    "decision_steps": 3, "initial_std": 0.5, "progress": True, "patience": 7,
+    "decision_steps": 3, "initial_std": 0.5, "progress": True, "patience": 7, "retreat": 0,
     "policy_hidden": [5, 6], "value_hidden": [7], "activation": "swish", "normalise_reward": False,
     "stagger_episodes": False,
 }  # fmt: skip

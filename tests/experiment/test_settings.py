@@ -99,7 +99,7 @@ def test_shoes_in_box_trains_longer_than_a_preset_says_but_not_in_a_smoke_run():
         chosen = asdict(settings.ppo_config) | asdict(settings.ppo)
         assert settings.updates == size.updates and size.ppo.items() <= chosen.items()
         assert settings.ppo_config.decision_steps == shoes.decision_steps
-        assert 0 < settings.ppo_config.patience < shoes.episode_length
+        assert 0 < settings.ppo_config.retreat < settings.ppo_config.patience < shoes.episode_length
     smoke = compose(shoes, preset="smoke")
     assert set(shoes.training_sizes) == {"cpu", "gpu"}
     sizes = {"episode_length": shoes.episode_length, "decision_steps": shoes.decision_steps}
@@ -110,6 +110,11 @@ def test_shoes_in_box_trains_longer_than_a_preset_says_but_not_in_a_smoke_run():
 def test_episodes_have_to_be_whole_decisions():
     with pytest.raises(ValueError, match=r"episode_length is 7; allowed: a multiple of decision_steps \(4\)"):
         compose(make_task("shoes_in_box"), ppo={"episode_length": 7})
+
+
+def test_a_robot_retreats_only_if_the_task_says_how(carry):
+    with pytest.raises(ValueError, match="retreat is 2; allowed: 0, since task carry has no retreat_action"):
+        compose(carry, ppo={"progress": True, "patience": 5, "retreat": 2})
 
 
 @pytest.mark.parametrize("preset", PRESETS)

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 import pytest
 
-from graphrl_jax.experiment import sharding
+from graphrl_jax.experiment import batching, sharding
 from tests.helpers.commands import TRAIN
 from tests.helpers.probe_training import curves
 
@@ -142,6 +142,25 @@ def test_a_sweep_spreads_its_members_over_devices(tmp_path):
         runs[number] = [curve(path.parent) for path in sorted(out.glob("*/metrics.jsonl"))]
     assert len(runs[1]) == len(runs[8]) == 4
     np.testing.assert_allclose(runs[8], runs[1], rtol=2e-3, atol=2e-3)
+
+
+@pytest.mark.slow
+def test_five_encoders_share_four_devices(tmp_path):
+    rewards = {}
+    for number in (1, 4):
+        out = tmp_path / str(number)
+        arguments = ["--task", "carry", "--preset", "smoke", "--seeds", 5, "--encoders-only", "--out", out]
+        finish(start(SWEEP, "sweep", *arguments, number=number))
+        rows = json.loads((out / "sweep.json").read_text())["members"]
+        rewards[number] = [row["encoder"]["value_order_correlation"] for row in rows]
+    assert len(set(rewards[1])) == 5
+    np.testing.assert_allclose(rewards[4], rewards[1], atol=1e-3)
+
+
+def test_encoders_are_padded_so_that_devices_share_them(monkeypatch):
+    assert [batching.spread(count) for count in (1, 2, 5)] == [1, 2, 5]
+    monkeypatch.setattr(jax, "devices", lambda: list(range(4)))
+    assert [batching.spread(count) for count in (1, 2, 4, 5)] == [1, 4, 4, 8]
 
 
 def test_environments_have_to_be_shared_out_evenly(monkeypatch):

@@ -16,6 +16,8 @@ from graphrl_jax.rl.config import ACTIVATIONS, PPOConfig
         ("initial_std", 0.001, "initial_std is 0.001; allowed: above 0.001"),
         ("patience", -1, "patience is -1; allowed: 0 or more"),
         ("patience", 60, "patience is 60 without progress; allowed: 0"),
+        ("retreat", 3, r"retreat is 3; allowed: 0, or up to patience \(0\) less 1"),
+        ("retreat", -1, "retreat is -1; allowed: 0, or up to"),
         ("activation", "tanhh", "activation is 'tanhh'; allowed: .*tanh"),
     ],
 )

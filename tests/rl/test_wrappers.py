@@ -204,6 +204,30 @@ def test_patience_counts_control_steps_and_can_end_a_decision_early():
     np.testing.assert_array_equal(states.metrics["episode_length"][1], [3, 4, 4])
 
 
+class Leaving(SlidingBoxes):
+    """Its robot retreats to the left."""
+
+    retreat_action = (-1.0,)
+
+
+def test_a_robot_that_is_stuck_retreats_before_its_episode_ends():
+    config = replace(CONFIG, episode_length=12, progress=True, patience=3, retreat=2, stagger_episodes=False)
+    env = vectorise(EnvironmentReward(Leaving(), MODEL.pooling), config)
+    state = jax.jit(env.reset)(jax.random.split(jax.random.key(0), NUM_ENVS))
+    step = jax.jit(env.step)
+    places, stuck = [state.pipeline_state[0][:, 0]], [state.info["stuck"]]
+    # Nothing is asked for, so a box moves only in a retreat, which is in the last two of three steps.
+    while not state.done.any():
+        state = step(state, jnp.zeros((NUM_ENVS, 1)))
+        places.append(state.pipeline_state[0][:, 0])
+        stuck.append(state.info["stuck"])
+    moved, before = np.diff(places, axis=0), np.array(stuck[:-1])
+    going_on = np.asarray(state.done) == 0
+    np.testing.assert_array_equal((moved < 0)[:-1], (before >= 1)[:-1])
+    np.testing.assert_array_equal((moved < 0)[-1, going_on], before[-1, going_on] >= 1)
+    assert (moved < 0).any() and not (moved > 0)[:-1].any()
+
+
 class Remembering(SlidingBoxes):
     """An episode starts with the second box where the first one was at the end of the episode before."""
 
