@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from graphrl_jax.cli.options import refuse_existing
+from graphrl_jax.cli.options import refuse_existing, refuse_useless
 from graphrl_jax.cli.requests import Import
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.perception.importers.convert import Source, demonstrations_of, track_recording
@@ -23,10 +23,14 @@ def run(request: Import) -> dict[str, Any]:
     _check(request)
     task = make_task(request.task)
     source = Source(request.source, request.format, request.size)
+    if source.format != "corners":
+        refuse_useless(request, ["size"], f"with format {source.format}, whose files say it")
     detector = task.detector() if request.weights is None else ultralytics(request.weights, task.objects)
     tracks, first, rates = [], None, set()
     with Progress() as progress:
         for read in source.recordings(task.objects):
+            if read.frames is None:
+                refuse_useless(request, ["weights"], "where the source has boxes, no images")
             recording = resampled(read, request.frame_rate)
             boxes, mask, notes = track_recording(recording, task.objects, detector)
             tracks.append((boxes, mask, recording.success))

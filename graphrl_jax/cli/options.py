@@ -76,6 +76,27 @@ def _metavar(hint: Any) -> str:
     return f"{{{','.join(names)}}}" if names else _METAVARS[hint]
 
 
+def refuse_useless(request: Any, names: Iterable[str], why: str) -> None:
+    """Refuses options that were given and would change nothing.
+
+    Args:
+      request: the request.
+      names: its fields that change nothing.
+      why: what makes them useless; the message ends with it.
+
+    Raises:
+      ValueError: see above.
+    """
+    usual = {field.name: field.default for field in dataclasses.fields(request)}
+    for name in names:
+        value = getattr(request, name)
+        # A group of options has no default of its own; what was given is in it.
+        group = asked_for(value) if dataclasses.is_dataclass(value) else None
+        if group or (group is None and value != usual[name]):
+            option = f"{name}.{next(iter(group))}" if group else name
+            raise ValueError(f"--{option.replace('_', '-')} changes nothing {why}; leave it out")
+
+
 def refuse_existing(out: Path) -> None:
     """Refuses to overwrite a file.
 

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import asdict
+from dataclasses import asdict, fields
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from graphrl_jax import runtime
-from graphrl_jax.cli.options import asked_for
+from graphrl_jax.cli.options import asked_for, refuse_useless
 from graphrl_jax.cli.requests import Sweep
 from graphrl_jax.experiment import experiment, sweep
 from graphrl_jax.experiment.experiment import Extent
@@ -29,6 +29,7 @@ _OF_THE_PROCESS = ("versions", "device", "wall_s", "compile_s", "compilation_cac
 def run(request: Sweep) -> dict[str, Any]:
     """Carries the request out."""
     process_log = runtime.configure()
+    _refuse_useless(request)
     members, encoders_only = _resumed(request.out) if request.resume else _started(request)
     task = make_task(members[0].settings.task, members[0].settings.engine)
     extent = Extent(policies=not encoders_only, videos=False, resumed=request.resume)
@@ -48,6 +49,19 @@ def run(request: Sweep) -> dict[str, Any]:
         plots.sweep(rows, field, request.out / "figures" / "sweep.png")
     _print(rows)
     return {"out": str(request.out), "members": len(rows), "wall_s": round(report["wall_s"], 1)}
+
+
+def _refuse_useless(request: Sweep) -> None:
+    if request.resume:
+        own = {one.name for one in fields(request)} - {"out", "resume"}
+        refuse_useless(request, sorted(own), "with --resume, which goes on with the sweep's own settings")
+    elif request.reward == "env":
+        refuse_useless(request, ["demos", "encoders_only"], "with --reward env, which learns no reward")
+    if request.encoders_only:
+        refuse_useless(request, ["updates", "ppo"], "with --encoders-only, which trains no policies")
+        for text in request.sweep:
+            if text.startswith("ppo."):
+                raise ValueError(f"--sweep {text} changes nothing with --encoders-only, which trains no policies")
 
 
 def _started(request: Sweep) -> tuple[list[SweepMember], bool]:

@@ -1,11 +1,11 @@
 """`graphrl train`: a whole run; see `requests.Train`."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
 from graphrl_jax import runtime
-from graphrl_jax.cli.options import asked_for
+from graphrl_jax.cli.options import asked_for, refuse_useless
 from graphrl_jax.cli.requests import Train
 from graphrl_jax.experiment import experiment, sharding
 from graphrl_jax.experiment.experiment import Extent, Member
@@ -20,6 +20,7 @@ SHOWN = ("success_rate", "mean_score", "episodes", "mean_return", "seed")
 def run(request: Train) -> dict[str, Any]:
     """Carries the request out."""
     process_log = runtime.configure()
+    _refuse_useless(request)
     if request.coordinator is not None or request.processes > 1:
         request = _joined(request)
     member = _resumed(request) if request.resume else _started(request)
@@ -30,6 +31,16 @@ def run(request: Train) -> dict[str, Any]:
         (summary,) = experiment.run([member], task, progress, process_log, extent)
     shown = {name: summary[name] for name in SHOWN}
     return {"out": str(member.run.path), **shown, "wall_s": round(process_log.times()["wall_s"], 1)}
+
+
+def _refuse_useless(request: Train) -> None:
+    if request.coordinator is None and request.processes == 1:
+        refuse_useless(request, ["process"], "without --processes above 1")
+    if request.resume:
+        own = {one.name for one in fields(request)} - {"out", "resume", "coordinator", "processes", "process"}
+        refuse_useless(request, sorted(own), "with --resume, which goes on with the run's own settings")
+    elif request.reward == "env":
+        refuse_useless(request, ["demos"], "with --reward env, which learns no reward")
 
 
 def _joined(request: Train) -> Train:

@@ -84,6 +84,43 @@ SHARES = {
 }  # fmt: skip
 """Floats between 0 and 1, both included. All others must not be negative."""
 
+SWITCHED_OFF: Mapping[str, tuple[float, tuple[str, ...]]] = {
+    "alpha": (1.0, ("bumped_before",)),
+    "rearranged": (0.0, ("bumped", "bumped_before", "approach", "in_order")),
+    "reconstruction_weight": (0.0, ("decode_from",)),
+    "tcc_weight": (0.0, ("temperature", "tcc_loss")),
+    "warmup": (1.0, ("final_learning_rate",)),
+}
+"""By float of pretraining: the value that leaves a part out, and the fields that then change nothing."""
+
+
+def _refuse_switched_off(pretrain: PretrainHyper, asked: Mapping[str, Any]) -> None:
+    """Refuses requested fields that change nothing beside the other values.
+
+    Raises:
+      ValueError: see above.
+    """
+    for part, (off, names) in SWITCHED_OFF.items():
+        for name in names:
+            if name in asked and getattr(pretrain, part) == off:
+                raise ValueError(f"pretrain.{name} changes nothing while pretrain.{part} is {off:g}; leave it out")
+
+
+def _refuse_no_loss(pretrain: PretrainHyper, method: Method) -> None:
+    """Refuses a loss in which no term is left.
+
+    Raises:
+      ValueError: see above.
+    """
+    if pretrain.tcc_weight > 0:
+        return
+    if method.needs == "images":
+        raise ValueError("pretrain.tcc_weight is 0; allowed: above 0, since images are not reconstructed")
+    if pretrain.reconstruction_weight == 0:
+        raise ValueError(
+            "pretrain.tcc_weight and pretrain.reconstruction_weight are both 0; allowed: one of them above 0"
+        )
+
 
 def _refuse_outside(name: str, value: float) -> None:
     """Refuses a float outside its range.
@@ -144,6 +181,9 @@ def compose(
             raise ValueError(f"pretrain.{name} is asked for, but an ablation of {', '.join(ablations)} sets it")
     episode = {"episode_length": task.episode_length, "decision_steps": task.decision_steps}
     decay = {"decay_updates": float(updates)}
+    hyper = PretrainHyper(**{**task.pretrain_overrides, **method.overrides, **ablated, **floats})
+    _refuse_switched_off(hyper, pretrain or {})
+    _refuse_no_loss(hyper, method)
     ppo_config = replace(sizes.ppo_config, **episode | task_fields | ppo_fields)
     if ppo_config.retreat and not task.retreat_action:
         raise ValueError(f"retreat is {ppo_config.retreat}; allowed: 0, since task {task.name} has no retreat_action")
@@ -159,7 +199,7 @@ def compose(
         episodes=sizes.episodes,
         engine=engine,
         pretrain_config=replace(_pretrain_config(sizes, method, ablations), **config_fields),
-        pretrain=PretrainHyper(**{**task.pretrain_overrides, **method.overrides, **ablated, **floats}),
+        pretrain=hyper,
         ppo_config=ppo_config,
         ppo=PPOHyper(**decay | task_floats | ppo_floats),
     )

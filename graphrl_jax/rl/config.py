@@ -32,8 +32,8 @@ class PPOConfig:
       progress: pay the change of the reward from step to step (see `wrappers.Progress`).
       patience: with `progress`, a training episode ends after so many control steps without a better reward; 0 for
         never.
-      retreat: of these control steps, so many at the end are a retreat of the robot (the task's `retreat_action`), which
-        takes along what it still holds.
+      retreat: of these control steps, so many at the end are a retreat by the task's `retreat_action`; what the robot
+        still holds leaves with it.
       normalise_reward: divide the reward by the running standard deviation of the discounted returns.
       stagger_episodes: start the first episodes at random step counts.
 

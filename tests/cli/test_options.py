@@ -47,6 +47,26 @@ def test_a_seed_out_of_range_is_one_sentence_and_leaves_nothing(capsys, tmp_path
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.parametrize(
+    "arguments, message",
+    [
+        (["train", "--resume", "--updates", 9], "--updates changes nothing with --resume, which goes on with"),
+        (["train", "--resume", "--ppo.clip", 0.1], "--ppo.clip changes nothing with --resume"),
+        (["train", "--reward", "env", "--demos", "d.npz"], "--demos changes nothing with --reward env"),
+        (["train", "--process", 1], "--process changes nothing without --processes above 1"),
+        (["sweep", "--resume", "--seeds", 2], "--seeds changes nothing with --resume"),
+        (["sweep", "--reward", "env", "--encoders-only"], "--encoders-only changes nothing with --reward env"),
+        (["sweep", "--encoders-only", "--updates", 3], "--updates changes nothing with --encoders-only"),
+        (["sweep", "--encoders-only", "--ppo.discount", 0.5], "--ppo.discount changes nothing with --encoders-only"),
+        (["sweep", "--encoders-only", "--sweep", "ppo.clip=0.1,0.2"], "--sweep ppo.clip=0.1,0.2 changes nothing"),
+        (["evaluate", "run", "--video-episodes", 0], "--out changes nothing with --video-episodes 0"),
+    ],
+)
+def test_options_that_change_nothing_are_refused(capsys, tmp_path, arguments, message):
+    assert message in rejected(capsys, [*arguments, "--out", tmp_path / "out"], main=cli.main)
+    assert not list(tmp_path.iterdir())
+
+
 def test_all_seeds_of_a_sweep_are_in_range():
     refuse_seeds(Sweep(Path("out"), first_seed=2**32 - 2, seeds=2))
     refuse_seeds(Demos(Path("out"), seed=2**32 - 1))
