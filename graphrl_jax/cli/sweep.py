@@ -59,9 +59,6 @@ def _refuse_useless(request: Sweep) -> None:
         refuse_useless(request, ["demos", "encoders_only"], "with --reward env, which learns no reward")
     if request.encoders_only:
         refuse_useless(request, ["updates", "ppo"], "with --encoders-only, which trains no policies")
-        for text in request.sweep:
-            if text.startswith("ppo."):
-                raise ValueError(f"--sweep {text} changes nothing with --encoders-only, which trains no policies")
 
 
 def _started(request: Sweep) -> tuple[list[SweepMember], bool]:
@@ -69,11 +66,10 @@ def _started(request: Sweep) -> tuple[list[SweepMember], bool]:
     if request.seeds < 1:
         raise ValueError(f"--seeds is {request.seeds}; allowed: 1 or more")
     task = make_task(request.task, request.engine)
-    texts = [] if request.alphas is None else [f"pretrain.alpha={request.alphas}"]
     members = sweep.plan(
         request.out,
         task,
-        sweep.parse_values([*texts, *request.sweep], request.reward),
+        _values(request),
         range(request.first_seed, request.first_seed + request.seeds),
         asked_for(request.pretrain),
         asked_for(request.ppo),
@@ -87,6 +83,17 @@ def _started(request: Sweep) -> tuple[list[SweepMember], bool]:
     asked = {name: str(value) if isinstance(value, Path) else value for name, value in asdict(request).items()}
     sweep.start(request.out, members, asked)
     return members, request.encoders_only
+
+
+def _values(request: Sweep) -> sweep.Values:
+    """The swept values by field."""
+    texts = [] if request.alphas is None else [f"pretrain.alpha={request.alphas}"]
+    values = sweep.parse_values([*texts, *request.sweep], request.reward)
+    for name in values:
+        group, _ = name.split(".")
+        if group == "ppo" and request.encoders_only:
+            raise ValueError(f"--sweep {name} changes nothing with --encoders-only, which trains no policies")
+    return values
 
 
 def _resumed(out: Path) -> tuple[list[SweepMember], bool]:

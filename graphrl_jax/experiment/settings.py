@@ -1,6 +1,5 @@
 """All settings of a run: composed from defaults, preset, task, method and request, and stored as JSON."""
 
-import math
 import typing
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, is_dataclass, replace
@@ -8,6 +7,7 @@ from typing import Any
 
 from graphrl_jax.experiment.methods import ABLATIONS, Method, method_named
 from graphrl_jax.experiment.presets import Preset, preset_named
+from graphrl_jax.experiment.ranges import refuse_no_loss, refuse_no_retreat, refuse_outside, refuse_switched_off
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 from graphrl_jax.rl.config import PPOConfig, PPOHyper
 from graphrl_jax.task import Task, TrainingSize
@@ -60,7 +60,7 @@ class Settings:
                 raise ValueError(f"{name} is {getattr(self, name)}; allowed: 1 or more")
         for group in ("pretrain", "ppo"):
             for name, value in asdict(getattr(self, group)).items():
-                _refuse_outside(f"{group}.{name}", value)
+                refuse_outside(f"{group}.{name}", value)
 
     @property
     def method(self) -> Method:
@@ -71,70 +71,6 @@ class Settings:
     def image_size(self) -> int | None:
         """Edge of the reward's input images in pixels; None without images."""
         return self.pretrain_config.encoder.image_size
-
-
-POSITIVE = {
-    "pretrain.learning_rate", "pretrain.max_grad_norm", "pretrain.temperature", "ppo.learning_rate",
-    "ppo.decay_updates", "ppo.clip", "ppo.max_grad_norm", "ppo.reward_scaling",
-}  # fmt: skip
-"""Floats that must be above 0."""
-SHARES = {
-    "pretrain.warmup", "pretrain.suppress_robot", "pretrain.robot_messages", "pretrain.rearranged", "pretrain.bumped",
-    "pretrain.bumped_before", "pretrain.in_order", "pretrain.even", "ppo.discount", "ppo.gae_lambda",
-}  # fmt: skip
-"""Floats between 0 and 1, both included. All others must not be negative."""
-
-SWITCHED_OFF: Mapping[str, tuple[float, tuple[str, ...]]] = {
-    "alpha": (1.0, ("bumped_before",)),
-    "rearranged": (0.0, ("bumped", "bumped_before", "approach", "in_order")),
-    "reconstruction_weight": (0.0, ("decode_from",)),
-    "tcc_weight": (0.0, ("temperature", "tcc_loss")),
-    "warmup": (1.0, ("final_learning_rate",)),
-}
-"""By float of pretraining: the value that leaves a part out, and the fields that then change nothing."""
-
-
-def _refuse_switched_off(pretrain: PretrainHyper, asked: Mapping[str, Any]) -> None:
-    """Refuses requested fields that change nothing beside the other values.
-
-    Raises:
-      ValueError: see above.
-    """
-    for part, (off, names) in SWITCHED_OFF.items():
-        for name in names:
-            if name in asked and getattr(pretrain, part) == off:
-                raise ValueError(f"pretrain.{name} changes nothing while pretrain.{part} is {off:g}; leave it out")
-
-
-def _refuse_no_loss(pretrain: PretrainHyper, method: Method) -> None:
-    """Refuses a loss in which no term is left.
-
-    Raises:
-      ValueError: see above.
-    """
-    if pretrain.tcc_weight > 0:
-        return
-    if method.needs == "images":
-        raise ValueError("pretrain.tcc_weight is 0; allowed: above 0, since images are not reconstructed")
-    if pretrain.reconstruction_weight == 0:
-        raise ValueError(
-            "pretrain.tcc_weight and pretrain.reconstruction_weight are both 0; allowed: one of them above 0"
-        )
-
-
-def _refuse_outside(name: str, value: float) -> None:
-    """Refuses a float outside its range.
-
-    Raises:
-      ValueError: see above.
-    """
-    sound, allowed = math.isfinite(value) and value >= 0, "0 or more"
-    if name in POSITIVE:
-        sound, allowed = sound and value > 0, "above 0"
-    if name in SHARES:
-        sound, allowed = sound and value <= 1, "0 to 1"
-    if not sound:
-        raise ValueError(f"{name} is {value}; allowed: {allowed}")
 
 
 def compose(
@@ -172,21 +108,14 @@ def compose(
     floats, config_fields = _shared_out("pretrain", pretrain, PretrainHyper, PretrainConfig)
     ppo_floats, ppo_fields = _shared_out("ppo", ppo, PPOHyper, PPOConfig)
     task_floats, task_fields = _shared_out("ppo", size.ppo, PPOHyper, PPOConfig)
-    ablated = _ablated_floats(reward, method, ablations)
-    useless = [name for name in floats if name not in method.floats]
-    for name in useless + (list(config_fields) if method.encoder is None else []):
+    asked = floats if method.encoder else floats | config_fields
+    for name in [name for name in asked if name not in method.floats]:
         raise ValueError(f"pretrain.{name} changes nothing about reward {reward}; allowed: {', '.join(method.floats)}")
-    for name in floats:
-        if name in ablated:
-            raise ValueError(f"pretrain.{name} is asked for, but an ablation of {', '.join(ablations)} sets it")
+    hyper = _pretrain_floats(task, reward, ablations, floats)
+    refuse_switched_off(hyper, pretrain or {})
     episode = {"episode_length": task.episode_length, "decision_steps": task.decision_steps}
-    decay = {"decay_updates": float(updates)}
-    hyper = PretrainHyper(**{**task.pretrain_overrides, **method.overrides, **ablated, **floats})
-    _refuse_switched_off(hyper, pretrain or {})
-    _refuse_no_loss(hyper, method)
     ppo_config = replace(sizes.ppo_config, **episode | task_fields | ppo_fields)
-    if ppo_config.retreat and not task.retreat_action:
-        raise ValueError(f"retreat is {ppo_config.retreat}; allowed: 0, since task {task.name} has no retreat_action")
+    refuse_no_retreat(ppo_config, task)
     return Settings(
         task=task.name,
         reward=reward,
@@ -201,8 +130,19 @@ def compose(
         pretrain_config=replace(_pretrain_config(sizes, method, ablations), **config_fields),
         pretrain=hyper,
         ppo_config=ppo_config,
-        ppo=PPOHyper(**decay | task_floats | ppo_floats),
+        ppo=PPOHyper(**{"decay_updates": float(updates)} | task_floats | ppo_floats),
     )
+
+
+def _pretrain_floats(task: Task, reward: str, ablations: Sequence[str], asked: Mapping[str, float]) -> PretrainHyper:
+    """The floats of pretraining: those asked for over those of ablations, method and task."""
+    method = method_named(reward)
+    ablated = _ablated_floats(reward, method, ablations)
+    for name in ablated.keys() & asked:
+        raise ValueError(f"pretrain.{name} is asked for, but an ablation of {', '.join(ablations)} sets it")
+    hyper = PretrainHyper(**{**task.pretrain_overrides, **method.overrides, **ablated, **asked})
+    refuse_no_loss(hyper, method)
+    return hyper
 
 
 def _pretrain_config(sizes: Preset, method: Method, ablations: Sequence[str]) -> PretrainConfig:

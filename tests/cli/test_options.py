@@ -58,7 +58,7 @@ def test_a_seed_out_of_range_is_one_sentence_and_leaves_nothing(capsys, tmp_path
         (["sweep", "--reward", "env", "--encoders-only"], "--encoders-only changes nothing with --reward env"),
         (["sweep", "--encoders-only", "--updates", 3], "--updates changes nothing with --encoders-only"),
         (["sweep", "--encoders-only", "--ppo.discount", 0.5], "--ppo.discount changes nothing with --encoders-only"),
-        (["sweep", "--encoders-only", "--sweep", "ppo.clip=0.1,0.2"], "--sweep ppo.clip=0.1,0.2 changes nothing"),
+        (["sweep", "--encoders-only", "--sweep", "ppo.clip=0.1,0.2"], "--sweep ppo.clip changes nothing"),
         (["evaluate", "run", "--video-episodes", 0], "--out changes nothing with --video-episodes 0"),
     ],
 )

@@ -9,7 +9,8 @@ import pytest
 
 from graphrl_jax.encoder import encoder
 from graphrl_jax.experiment.methods import METHODS
-from graphrl_jax.experiment.settings import SWITCHED_OFF, compose
+from graphrl_jax.experiment.ranges import SWITCHED_OFF
+from graphrl_jax.experiment.settings import compose
 from graphrl_jax.pretrain import trainer
 from graphrl_jax.registry import make_task
 from graphrl_jax.rl.ppo import as_float32
