@@ -11,6 +11,7 @@ In one process, on the same batches and starts, in control steps per second:
     policy        PPO's unroll with the learned reward: the same with resets, drawn actions and bookkeeping
     ppo_env       PPO's whole update (unroll and all gradient steps) with the environment's reward
     ppo_graph     the same with the learned reward
+    unguarded     the same without the guards against states and gradients that are not finite
 
 PPO is that of `graphrl train`: networks, epochs, control steps per decision and starts are the task's for this device;
 only the batch and the unroll's length are the options'. Each program is compiled, which is timed apart, then the
@@ -41,6 +42,7 @@ from benchmarks.context import RESULTS, measured_on
 from benchmarks.figures import plain, save
 from benchmarks.tables.costs import LABELS, by_engine, label
 from benchmarks.timing import compiled, in_turns, to_the_end
+from benchmarks.unguarded import unguarded
 from graphrl_jax.encoder import encoder
 from graphrl_jax.encoder.config import EncoderConfig
 from graphrl_jax.encoder.pooling import PoolingParams
@@ -77,7 +79,7 @@ class Options:
 
     task: Literal["match_regions", "shoes_in_box"] = "match_regions"
     engines: tuple[str, ...] = ()
-    programs: tuple[str, ...] = tuple(LABELS)
+    programs: tuple[str, ...] = tuple(name for name in LABELS if name != "unguarded")
     num_envs: tuple[int, ...] = (1, 32, 1024)
     steps: int = 16
     repeats: int = 11
@@ -179,6 +181,7 @@ def build_programs(
         "policy": lambda: (unroll, ppo_program("graph")[1][1:]),
         "ppo_env": lambda: ppo_program("env"),
         "ppo_graph": lambda: ppo_program("graph"),
+        "unguarded": lambda: _without_guards(*ppo_program("graph")),
     }
     return {name: make() for name, make in made.items() if name in ("physics", *options.programs)}
 
@@ -281,6 +284,10 @@ def _print(batch: dict[str, Any], context: dict[str, Any]) -> None:
             cells = (f"{rate:,.0f}", f"{shown[0]:.2f}", f"{shown[1]:.1f}", f"{shown[2]:,.0f}", ratio)
             table.add_row(f"{engine}/{name}", *cells)
     Console().print(table)
+
+
+def _without_guards(update: Callable, arguments: tuple) -> Program:
+    return unguarded(update), arguments
 
 
 def _reset(env: Env, num_envs: int, key: jax.Array) -> State:

@@ -1,5 +1,7 @@
 """An environment whose physics diverges is reset, teaches nothing and is counted; the others go on."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -8,7 +10,9 @@ from brax.envs.base import State
 from graphrl_jax.rl import ppo
 from graphrl_jax.rl.config import PPOConfig, PPOHyper
 from graphrl_jax.rl.wrappers import vectorise
+from tests.helpers import probe_training as training
 from tests.helpers.probe_environments import Probe, ProbeReward
+from tests.helpers.probe_training import ACTION_PROBE
 
 CONFIG = PPOConfig(num_envs=8, unroll_length=4, num_epochs=1, num_minibatches=2, episode_length=6)
 
@@ -71,6 +75,45 @@ def test_a_state_beyond_all_bounds_is_bad_before_it_is_nan():
     state = jax.jit(env.step)(state, jnp.array([[0.0], [1.0], [0.0]]))
     np.testing.assert_array_equal(state.metrics["bad_envs"], [0, 1, 0])
     assert (np.abs(state.obs) < 10).all()
+
+
+class Poisoned(Probe):
+    """A probe of which one episode in 64 turns NaN for good at its first step, once `observation` is not 0."""
+
+    def reset(self, rng: jax.Array) -> State:
+        state = super().reset(rng)
+        poison = jax.random.bernoulli(jax.random.fold_in(rng, 1), 1 / 64) & (self.reward.observation != 0)
+        return state.replace(pipeline_state={**state.pipeline_state, "poison": poison})
+
+    def step(self, state: State, action: jax.Array) -> State:
+        poison = state.pipeline_state["poison"]
+        after = super().step(state, action)
+        nan = jnp.where(poison, jnp.nan, 0.0)
+        after = after.replace(pipeline_state={**after.pipeline_state, "poison": poison})
+        return after.replace(obs=after.obs + nan, reward=after.reward + nan)
+
+
+def test_what_is_learned_beside_a_poisoned_environment_is_what_is_learned_without():
+    found = {}
+    healthy = replace(ACTION_PROBE, observation=0.0)
+    for name, rewards in (
+        ("healthy", [healthy] * 3),
+        ("poisoned", [healthy, *[replace(healthy, observation=1e-9)] * 2]),
+    ):
+        scores = []
+        for seed in range(2):
+            state = ppo.init_jit(training.CONFIG, Poisoned, ppo.as_float32(rewards[0]), jax.random.key(seed))
+            for reward in rewards:
+                chunk = (training.CONFIG, Poisoned, training.HYPER, ppo.as_float32(reward), state, training.CHUNK)
+                state, metrics = ppo.train_chunk(*chunk)
+            scores.append(float(metrics["score"].mean()))
+            share = 1 / 64 if name == "poisoned" else 0
+            np.testing.assert_allclose(metrics["bad_envs"].mean(), share, atol=0.003)
+            assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((state.params, state.normalizer)))
+        found[name] = scores
+    spread = max(np.ptp(found["healthy"]), 0.02)
+    assert abs(np.mean(found["poisoned"]) - np.mean(found["healthy"])) <= spread
+    assert min(found["poisoned"]) > 0.8
 
 
 def test_gradient_steps_that_are_not_finite_are_left_out_and_counted():

@@ -12,6 +12,7 @@ LABELS = {
     "policy": "and resets, policy, bookkeeping (PPO's unroll)",
     "ppo_env": "PPO, environmental reward",
     "ppo_graph": "PPO, learned reward",
+    "unguarded": "PPO, learned reward, no guards",
 }
 """Of the programs of `benchmarks.throughput`."""
 _STEPS = {"mjx": "`mjx.step`", "mujoco": "`mujoco.batch`", "warp": "`mjx.step` in Warp"}

@@ -71,6 +71,9 @@ def test_corner_files(tmp_path, capsys):
     write_labels(tmp_path / "a", ["1 2 3 4\n" * 9])
     arguments = (tmp_path / "a", "--format", "corners", "--size", 100, 200)
     assert "line 9: more lines than the table's 8 objects" in refused(capsys, *arguments)
+    write_labels(tmp_path / "b", ["0 0.5 0.5 0.1 0.1\n"] * 2)
+    message = "--size changes nothing with format yolo, whose files say it; leave it out"
+    assert message in refused(capsys, tmp_path / "b", "--size", 100, 200)
 
 
 BOX = (3, [0.2, 0.5, 0.1, 0.1])
