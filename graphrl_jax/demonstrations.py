@@ -329,8 +329,21 @@ def _check_scalars(demos: Demonstrations) -> None:
         raise DemonstrationError(f"events is missing, but event_names lists {names}")
 
 
-def reached_for_good(reached: np.ndarray) -> np.ndarray:
-    """First frame from which each event in `reached` (B, T, E) bool holds to the end, -1 if none: (B, E) int32."""
+def reached_for_good(reached: np.ndarray, lengths: np.ndarray | None = None) -> np.ndarray:
+    """First frame from which each event holds to the end of its demonstration, -1 if none.
+
+    Args:
+      reached: (B, T, E) bool, whether each event holds in each frame.
+      lengths: (B,) number of frames of each demonstration, 1 to T; default: T.
+
+    Returns:
+      (B, E) int32.
+    """
+    count = reached.shape[1]
+    if lengths is not None:
+        # What follows a demonstration's last frame repeats it.
+        frames = np.minimum(np.arange(count), np.asarray(lengths)[:, None] - 1)
+        reached = np.take_along_axis(reached, frames[..., None], axis=1)
     not_yet = ~reached[:, ::-1]
-    trailing = np.where(not_yet.any(1), np.argmax(not_yet, axis=1), reached.shape[1])
-    return np.where(trailing > 0, reached.shape[1] - trailing, -1).astype(np.int32)
+    trailing = np.where(not_yet.any(1), np.argmax(not_yet, axis=1), count)
+    return np.where(trailing > 0, count - trailing, -1).astype(np.int32)

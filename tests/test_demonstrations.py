@@ -284,3 +284,6 @@ def test_classes_are_the_tables_unless_demonstrations_have_their_own():
 def test_an_event_counts_from_the_frame_after_which_it_always_holds():
     reached = np.array([[[0, 1, 1, 0], [1, 1, 0, 0], [0, 1, 1, 0], [1, 1, 1, 0]]], bool)
     np.testing.assert_array_equal(reached_for_good(reached), [[3, 0, 2, -1]])
+    # A demonstration that is cut after two frames knows nothing of the rest, and one of all frames is as above.
+    both = np.repeat(reached, 2, axis=0)
+    np.testing.assert_array_equal(reached_for_good(both, np.array([2, 4])), [[1, 0, -1, -1], [3, 0, 2, -1]])

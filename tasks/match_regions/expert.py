@@ -307,17 +307,18 @@ def _as_demonstrations(
     reached = np.concatenate([placed, placed.all(-1, keepdims=True)], -1)
     # A plan without jobs lasts for the whole episode; its robot stands still.
     lengths = np.where(kinds == 1 + FAILURES.index("nothing"), qpos.shape[1], busy + TAIL_FRAMES)
+    lengths = np.minimum(lengths, qpos.shape[1]).astype(np.int32)
     return Demonstrations(
         boxes=np.asarray(found),
         mask=np.asarray(mask),
-        lengths=np.minimum(lengths, qpos.shape[1]).astype(np.int32),
+        lengths=lengths,
         success=kinds == 0,
         objects=task.objects,
         frame_rate=task.frame_rate,
         source="scripted expert",
         task=task.name,
         classes=None if task.layout.fixed else np.asarray(jax.vmap(class_ids)(world)),
-        events=reached_for_good(reached),
+        events=reached_for_good(reached, lengths),
         event_names=task.event_names,
         kinds=np.array(("success", *FAILURES))[kinds],
     )

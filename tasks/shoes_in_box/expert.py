@@ -339,7 +339,6 @@ def demonstrate(
     lengths = np.minimum(busy + tails, boxes.shape[1])
     drawn = np.asarray(jax.random.choice(draw_key, lengths[kinds == 0], kinds.shape)) if successes else lengths
     lengths = np.where(kinds == 0, lengths, drawn).astype(np.int32)
-    frames = reached_for_good(events)
     return Demonstrations(
         boxes=boxes,
         mask=mask,
@@ -349,7 +348,7 @@ def demonstrate(
         frame_rate=task.frame_rate,
         source="scripted expert",
         task=task.name,
-        events=np.where(frames < lengths[:, None], frames, -1),
+        events=reached_for_good(events, lengths),
         event_names=task.event_names,
         kinds=np.array(("success", *FAILURES))[kinds],
         frames=None if image_size is None else _images(qpos, box, image_size),
