@@ -1,6 +1,6 @@
-"""Class names that come with YOLO's labels: `data.yaml`, `classes.txt`, `obj.names` and the like."""
+"""Class names that come with labels: `data.yaml`, `classes.txt`, `obj.names` and the like."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import yaml
@@ -14,15 +14,38 @@ _LABEL_FOLDERS = ("labels", "obj_train_data")
 
 
 def class_names_of(folder: Path, source: Path) -> tuple[Path, dict[int, str]] | None:
-    """The file that names the classes of a folder's labels, and the names by number; None if there is none.
+    """The file that names the classes of a folder's labels, and the names by number from 0; None if there is none.
 
     Looks in the folder and in those above it, up to the source or to the folder of the data set.
 
     Raises:
       ImportFailure: a file cannot be read, or two files in one folder differ.
     """
+    return _first_names(folder, source, _names_in)
+
+
+def lines_of_names(folder: Path, source: Path) -> tuple[Path, dict[int, str]] | None:
+    """The text file that names the classes of a folder's labels, and the names by line from 1; None if there is none.
+
+    Looks where `class_names_of` does.
+
+    Raises:
+      ImportFailure: see `class_names_of`.
+    """
+    return _first_names(folder, source, lambda path: _lines_in(path, 1))
+
+
+def numbered_names(names: Sequence[str]) -> tuple[Path, dict[int, str]]:
+    """Names of the object table, numbered from 1, in the place of those that a file holds."""
+    return Path("the object table"), dict(enumerate(names, 1))
+
+
+def _first_names(
+    folder: Path, source: Path, read: Callable[[Path], dict[int, str] | None]
+) -> tuple[Path, dict[int, str]] | None:
+    """The nearest file that names classes, and what is read from it."""
     for place in _places(folder, source):
-        found = [(path, names) for path in sorted(place.iterdir()) if (names := _names_in(path)) is not None]
+        found = [(path, names) for path in sorted(place.iterdir()) if (names := read(path)) is not None]
         for path, names in found[1:]:
             if names != found[0][1]:
                 raise ImportFailure(f"{found[0][0]} and {path} differ in their class names; allowed: the same names")
@@ -42,8 +65,9 @@ def _places(folder: Path, source: Path) -> list[Path]:
 
 def _names_in(path: Path) -> dict[int, str] | None:
     """Class names by number, None if the file holds none."""
-    if path.name.lower() in TEXT_NAMES or path.suffix.lower() == ".names":
-        return dict(enumerate(line.strip() for line in read_text(path).rstrip().splitlines()))
+    lines = _lines_in(path, 0)
+    if lines is not None:
+        return lines
     if path.suffix.lower() not in _YAML_ENDINGS:
         return None
     try:
@@ -53,6 +77,13 @@ def _names_in(path: Path) -> dict[int, str] | None:
         raise ImportFailure(f"{path}: no YAML: {' '.join(str(error).split())}") from None
     names = content.get("names") if isinstance(content, dict) else None
     return _by_number(names, path) if isinstance(names, list | dict) else None
+
+
+def _lines_in(path: Path, first: int) -> dict[int, str] | None:
+    """The lines of a text file of class names, numbered from `first`; None if it is no such file."""
+    if path.name.lower() not in TEXT_NAMES and path.suffix.lower() != ".names":
+        return None
+    return dict(enumerate((line.strip() for line in read_text(path).rstrip().splitlines()), first))
 
 
 def _by_number(names: list | dict, path: Path) -> dict[int, str]:
@@ -85,3 +116,14 @@ def class_id(number: int, named: tuple[Path, dict[int, str]] | None, class_names
             f"{where}: class {number} is {names[number]!r} by {path}; allowed: {', '.join(class_names)}"
         )
     return class_names.index(names[number])
+
+
+def class_named(name: object, class_names: Sequence[str], what: str) -> int:
+    """Id of a class in the object table by its name.
+
+    Raises:
+      ImportFailure: the table lacks the class.
+    """
+    if name not in class_names:
+        raise ImportFailure(f"{what} {name!r}; allowed: {', '.join(class_names)}")
+    return class_names.index(str(name))

@@ -55,14 +55,18 @@ def resampled(recording: Recording, frame_rate: float | None) -> Recording:
       recording: a recording.
       frame_rate: frames per second.
     """
-    own = recording.frame_rate
-    if own is None or frame_rate is None or recording.frames is None or same_rate(own, frame_rate):
+    own, frames, found = recording.frame_rate, recording.frames, recording.detections
+    length = len(frames) if frames is not None else len(found or [])
+    if own is None or frame_rate is None or not length or same_rate(own, frame_rate):
         return recording
-    times = np.arange(len(recording.frames)) / own
-    shown = frames_shown(times, len(recording.frames) / own, frame_rate)
-    note = f"resampled from {own:g} to {frame_rate:g} frames per second"
-    frames = recording.frames[shown]
-    return replace(recording, frames=frames, frame_rate=frame_rate, notes=(*recording.notes, note))
+    shown = frames_shown(np.arange(length) / own, length / own, frame_rate)
+    return replace(
+        recording,
+        frames=None if frames is None else frames[shown],
+        detections=None if found is None else [found[index] for index in shown],
+        frame_rate=frame_rate,
+        notes=(*recording.notes, f"resampled from {own:g} to {frame_rate:g} frames per second"),
+    )
 
 
 def frames_shown(times: np.ndarray, duration: float, frame_rate: float) -> np.ndarray:
@@ -128,6 +132,14 @@ def read_text(path: Path) -> str:
         return raw.decode(encoding)
     except UnicodeDecodeError as error:
         raise ImportFailure(f"{path}: no text in {encoding.upper()}: {error.reason} at byte {error.start}") from None
+
+
+def raw_text(path: Path) -> bytes:
+    """The bytes of a text without its byte order mark and leading blanks, for a look at what it speaks of."""
+    # UTF-16 has a zero beside every letter.
+    raw = path.read_bytes().replace(b"\0", b"")
+    mark = next((mark for mark in _BYTE_ORDER_MARKS if raw[: len(mark)] == mark), b"")
+    return raw[len(mark) :].lstrip()
 
 
 def folders_of(files: list[Path]) -> dict[Path, list[Path]]:

@@ -2,7 +2,13 @@
 
 import pytest
 
-from graphrl_jax.perception.importers.class_names import class_id, class_names_of
+from graphrl_jax.perception.importers.class_names import (
+    class_id,
+    class_named,
+    class_names_of,
+    lines_of_names,
+    numbered_names,
+)
 from graphrl_jax.perception.importers.recording import ImportFailure
 
 NAMES = {0: "green_square", 1: "no"}
@@ -70,3 +76,27 @@ def test_a_number_means_the_class_of_its_name(tmp_path):
     ):
         with pytest.raises(ImportFailure, match=message):
             class_id(number, named, table, "line 1")
+
+
+@pytest.mark.parametrize("name", ["labels.txt", "Classes.TXT", "obj.names"])
+def test_lines_of_names_count_from_1(tmp_path, name):
+    (tmp_path / "gt").mkdir()
+    (tmp_path / "gt" / "data.yaml").write_text("names: [cat]")
+    assert lines_of_names(tmp_path / "gt", tmp_path) is None
+    (tmp_path / name).write_text("robot\r\n\r\nstar\r\n", "utf-8-sig")
+    assert lines_of_names(tmp_path / "gt", tmp_path) == (tmp_path / name, {1: "robot", 2: "", 3: "star"})
+    assert lines_of_names(tmp_path / "gt", tmp_path / "gt") is None
+
+
+def test_classes_of_the_table_by_name_and_by_number_from_1():
+    table = ("goal_region", "green_square")
+    assert class_named("green_square", table, "image 1: label") == 1
+    assert class_id(2, numbered_names(table), table, "line 1") == 1
+    with pytest.raises(ImportFailure, match="image 1: label 'cat'; allowed: goal_region, green_square"):
+        class_named("cat", table, "image 1: label")
+    for name in (None, 1, ["robot"]):
+        with pytest.raises(ImportFailure, match="allowed: goal_region, green_square"):
+            class_named(name, table, "image 1: label")
+    for number in (0, 3):
+        with pytest.raises(ImportFailure, match=f"line 1: class {number}; allowed: 1, 2, named by the object table"):
+            class_id(number, numbered_names(table), table, "line 1")

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from graphrl_jax.perception.detector import Detection
 from graphrl_jax.perception.importers.recording import (
     ImportFailure,
     Recording,
@@ -12,6 +13,7 @@ from graphrl_jax.perception.importers.recording import (
     folders_of,
     frames_shown,
     in_order,
+    raw_text,
     read_text,
     resampled,
 )
@@ -77,6 +79,9 @@ def test_a_resampled_recording_keeps_its_duration(tmp_path, rate, shown):
     recording = resampled(Recording(tmp_path, frames, frame_rate=8.0, notes=("cut",)), rate)
     np.testing.assert_array_equal(recording.frames[:, 0, 0, 0], shown)
     assert recording.frame_rate == rate and len(recording.notes) == 1 + (rate != 8)
+    found = [[Detection(number, np.zeros(4, np.float32))] for number in range(6)]
+    recording = resampled(Recording(tmp_path, detections=found, frame_rate=8.0), rate)
+    assert [frame[0].class_id for frame in recording.detections] == list(shown) and recording.frame_rate == rate
 
 
 def test_without_rates_nothing_is_resampled(tmp_path):
@@ -87,6 +92,13 @@ def test_without_rates_nothing_is_resampled(tmp_path):
         (Recording(tmp_path, detections=[[]]), 4.0),
     ):
         assert resampled(recording, rate) is recording
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_a_look_at_a_text_needs_no_encoding(tmp_path, encoding):
+    path = tmp_path / "a.json"
+    path.write_text('\n\t[{"größe": 1}]', encoding)
+    assert raw_text(path)[:3] == b'[{"'
 
 
 def test_a_frame_is_shown_until_the_next_begins():
