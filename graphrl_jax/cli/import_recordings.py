@@ -8,6 +8,7 @@ import numpy as np
 from graphrl_jax.cli.options import refuse_existing, refuse_useless
 from graphrl_jax.cli.requests import Import
 from graphrl_jax.demonstrations import Demonstrations
+from graphrl_jax.perception.config import SIZED_FORMATS
 from graphrl_jax.perception.importers.convert import Source, demonstrations_of, track_recording
 from graphrl_jax.perception.importers.recording import resampled, same_rate
 from graphrl_jax.perception.model_detector import ultralytics
@@ -23,7 +24,7 @@ def run(request: Import) -> dict[str, Any]:
     _check(request)
     task = make_task(request.task)
     source = Source(request.source, request.format, request.size)
-    if source.format != "corners":
+    if source.format not in SIZED_FORMATS:
         refuse_useless(request, ["size"], f"with format {source.format}, whose files say it")
     detector = task.detector() if request.weights is None else ultralytics(request.weights, task.objects)
     tracks, first, rates = [], None, set()

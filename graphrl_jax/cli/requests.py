@@ -153,15 +153,15 @@ class Evaluate:
 
 @dataclass(frozen=True)
 class Import:
-    """Makes a demonstration file from recordings: videos, folders of frames, MAGICAL's .pkl.gz, or ready-made boxes.
+    """Makes a demonstration file from recordings: videos, frames, MAGICAL's .pkl.gz, ready-made boxes or masks.
 
     Attributes:
       source: file or folder; one demonstration per video, per sequence of frames or labels in a folder, per .pkl.gz.
       out: file to write (.npz); must not exist.
       task: registered task of the recordings.
       format: format of the source.
-      size: width and height of the images, for corner files.
-      frame_rate: frames per second; videos are resampled to it.
+      size: width and height of the images, for corner files and labels in pixels that do not say it.
+      frame_rate: frames per second; recordings of another rate are resampled to it.
       weights: weights of an Ultralytics model that finds the objects.
       overlay: video file to write, the first demonstration with boxes and names; moved objects are orange.
     """

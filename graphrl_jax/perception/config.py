@@ -2,6 +2,8 @@
 
 from typing import Literal, get_args
 
-Format = Literal["magical", "video", "frames", "coco", "yolo", "corners"]
+Format = Literal["magical", "video", "frames", "coco", "yolo", "corners", "cvat", "mot", "label_studio", "masks"]
 FORMATS: tuple[str, ...] = get_args(Format)
 """Formats of recordings."""
+SIZED_FORMATS = ("corners", "cvat", "mot", "label_studio")
+"""Formats in pixels or with turned boxes whose files need not tell the size of the images."""

@@ -10,7 +10,7 @@ from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.perception.config import FORMATS
 from graphrl_jax.perception.detector import Detector
-from graphrl_jax.perception.importers import coco, images, labels, magical, videos
+from graphrl_jax.perception.importers import coco, cvat, images, label_studio, labels, magical, masks, mot, videos
 from graphrl_jax.perception.importers.recording import ImportFailure, Recording, Recordings, files_of
 from graphrl_jax.perception.tracking import assign, bridge
 
@@ -21,7 +21,13 @@ ENDINGS: dict[str, tuple[str, ...]] = {
     "coco": (".json",),
     "yolo": (".txt",),
     "corners": (".txt",),
+    "cvat": (".xml",),
+    "mot": (".txt",),
+    "label_studio": (".json",),
+    "masks": (".png",),
 }
+_READY = ("coco", "yolo", "cvat", "mot", "label_studio", "masks")
+"""Formats of labels, which are read instead of images beside them."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +37,7 @@ class Source:
     Attributes:
       path: file or folder.
       format: one of `FORMATS`, or None to infer it from the files.
-      size: width and height of the images, which corner files do not contain.
+      size: width and height of the images, which corner files do not contain and other labels may lack.
 
     Raises:
       ImportFailure: the path is missing, the format is unknown or cannot be inferred, or the size is missing or 0.
@@ -69,40 +75,65 @@ class Source:
                 return coco.read_coco(files, objects.class_names)
             case "yolo":
                 return labels.read_label_folders(files, partial(labels.yolo_line, objects.class_names, self.path))
+            case "cvat":
+                return cvat.read_cvat(files, objects.class_names, self.size)
+            case "mot":
+                return mot.read_mot(files, self.path, objects.class_names, self.size)
+            case "label_studio":
+                return label_studio.read_label_studio(files, objects.class_names, self.size)
+            case "masks":
+                return masks.read_masks(files, self.path, objects)
         assert self.size is not None
         read = labels.corner_line(objects.class_ids, self.size)
         return labels.read_label_folders(files, lambda _: read)
 
 
 def _of_format(name: str, files: list[Path]) -> list[Path]:
-    """The files that are of a format by their content, where other files have the same ending."""
+    """The files that are of a format by their content or folder, where other files have the same ending."""
     match name:
         case "coco":
             return coco.coco_files(files)
+        case "label_studio":
+            return label_studio.label_studio_files(files)
+        case "cvat":
+            return cvat.cvat_files(files)
+        case "mot":
+            return mot.mot_files(files)
         case "yolo" | "corners":
-            return labels.label_files(files)
+            found = labels.label_files(files)
+            others = set(mot.mot_files(found))
+            return [path for path in found if path not in others]
+        case "masks":
+            return masks.mask_files(files)
+        case "frames":
+            return masks.without_masks(files)
     return files
 
 
 def guess_format(path: Path) -> str:
-    """The format of a source by its files. Text files count as YOLO labels, and images beside labels as theirs.
+    """The format of a source by its files. Labels count before the images or videos beside them.
+
+    Text files with one line per object count as YOLO labels. PNGs count as masks if they look like masks and are in a
+    folder for masks.
 
     Raises:
-      ImportFailure: no file has a known format, or files have several.
+      ImportFailure: no file has a known format, files have several, or it is unclear whether PNGs are masks.
     """
-    found = [
-        name
-        for name in FORMATS
-        if name != "corners"
-        and (files := files_of(path, *ENDINGS[name]))
-        and (path.is_file() or _of_format(name, files))
-    ]
+    by_ending = {name: files for name in FORMATS if name != "corners" and (files := files_of(path, *ENDINGS[name]))}
+    found = [name for name, files in by_ending.items() if _of_format(name, files)]
+    if "masks" in found and masks.first_mask(masks.mask_files(by_ending["masks"])) is None:
+        found.remove("masks")
+    if path.is_file() and not found:
+        found = list(by_ending)[:1]
     if not found:
         raise ImportFailure(f"{path} holds nothing of a known format; known formats: {', '.join(FORMATS)}")
-    ready = [name for name in found if name in ("coco", "yolo")]
-    if len(ready or found) > 1:
-        raise ImportFailure(f"{path} holds {' and '.join(ready or found)}; --format says which to read")
-    return (ready or found)[0]
+    told = [name for name in found if name in _READY] or found
+    if len(told) > 1:
+        raise ImportFailure(f"{path} holds {' and '.join(told)}; --format says which to read")
+    unclear = masks.first_mask(by_ending["frames"]) if told == ["frames"] else None
+    if unclear is not None:
+        raise ImportFailure(f"{unclear} may be a frame or a mask; --format frames or --format masks says which")
+    return told[0]
 
 
 def track_recording(
