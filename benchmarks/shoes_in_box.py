@@ -23,7 +23,6 @@ from benchmarks.context import RESULTS, measured_on
 from benchmarks.shoes_in_box_figures import profile_figure, subtasks_figure
 from graphrl_jax import demonstrations as demonstration_files
 from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.experiment.checkpoints import load_reward
 from graphrl_jax.experiment.keys import RunStage, stage_key
 from graphrl_jax.experiment.run_directory import Run, RunError
 from graphrl_jax.experiment.settings import Settings, compose
@@ -31,9 +30,10 @@ from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
 from graphrl_jax.pretrain.config import PretrainConfig
 from graphrl_jax.progress import Progress
 from graphrl_jax.registry import make_task
+from graphrl_jax.reward.card import MODEL
 from graphrl_jax.reward.config import SUBTASK_METHODS
 from graphrl_jax.reward.discrimination import discrimination
-from graphrl_jax.reward.model import RewardModel, demonstration_rewards
+from graphrl_jax.reward.model import RewardModel, demonstration_rewards, load_parameters
 from graphrl_jax.reward.subtasks import demonstration_subtasks
 from graphrl_jax.runtime import configure
 from graphrl_jax.storage import read_json, write_json
@@ -114,12 +114,12 @@ def demonstrations(task: ShoesInBox, out: Path, preset: str, image_size: int | N
 def trained(task: ShoesInBox, demos: Demonstrations, name: str, settings: Settings, out: Path) -> RewardModel:
     """The reward of one encoder, trained once; of a method's settings, or those of a part of one."""
     path, config = out / f"{name}_{settings.seed}", settings.pretrain_config
-    if not (path / "encoder.npz").exists():
+    if not (path / MODEL).exists():
         shutil.rmtree(path, ignore_errors=True)  # left by an interrupted training
         run = Run.create(path, "benchmark", {"task": task.name, "reward": name, "seed": settings.seed})
         with Progress() as progress:
             train_encoders([EncoderJob(run, demos, settings.pretrain, settings.seed)], config, progress)
-    return load_reward(Run(path), config, task.objects)
+    return load_parameters(path, config.encoder, config.activity, task.objects)
 
 
 def true_progress(demos: Demonstrations) -> np.ndarray:

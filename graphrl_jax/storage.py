@@ -3,13 +3,19 @@
 import json
 import math
 import os
-from collections.abc import Callable
+import typing
+from collections.abc import Callable, Mapping
+from dataclasses import is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from safetensors import SafetensorError
+from safetensors.numpy import load_file, save_file
+
+Kind = TypeVar("Kind")
 
 VERSION = 2
 """Version of the pytree format. Version 1 named leaves by their position."""
@@ -77,18 +83,54 @@ def read_json(path: Path) -> Any:
         raise StorageError(f"{path} cannot be read as JSON: {error}") from None
 
 
+def from_plain(kind: type[Kind], values: Any, what: str, prefix: str = "") -> Kind:
+    """A dataclass from parsed JSON, nested dataclasses included.
+
+    Args:
+      kind: the dataclass; its fields are dataclasses, tuples, literals, or plain values.
+      values: its fields by name.
+      what: what is read, for messages.
+      prefix: place of the dataclass in what is read, such as ppo_config.
+
+    Raises:
+      ValueError: a field is missing, unknown or of a wrong type, or the dataclass refuses its value.
+    """
+    kinds = typing.get_type_hints(kind)
+    if not isinstance(values, Mapping):
+        raise ValueError(f"{what}: {prefix.rstrip('.')} is {values!r}; allowed: an object of {', '.join(kinds)}")
+    for name in sorted(values.keys() ^ kinds.keys()):
+        raise ValueError(f"{what}: {prefix}{name} is {'missing' if name in kinds else 'unknown'}")
+    made = {}
+    for name, value in values.items():
+        nested = is_dataclass(kinds[name])
+        place = f"{prefix}{name}"
+        made[name] = (
+            from_plain(kinds[name], value, what, f"{place}.") if nested else _plain(kinds[name], value, what, place)
+        )
+    return kind(**made)
+
+
+def _plain(hint: Any, value: Any, what: str, name: str) -> Any:
+    """A value from JSON, after a check of its type; a config class checks which values are allowed."""
+    if typing.get_origin(hint) is tuple:
+        if not isinstance(value, list | tuple):
+            raise ValueError(f"{what}: {name} is {value!r}; allowed: a list")
+        return tuple(_plain(typing.get_args(hint)[0], one, what, name) for one in value)
+    allowed = (str,) if typing.get_origin(hint) is typing.Literal else typing.get_args(hint) or (hint,)
+    # JSON does not tell 1 from 1.0.
+    if type(value) not in ((*allowed, int) if float in allowed else allowed):
+        names = " or ".join(getattr(kind, "__name__", str(kind)) for kind in allowed)
+        raise ValueError(f"{what}: {name} is {value!r}; allowed: {names}")
+    return value
+
+
 def save_tree(path: Path, tree: Any) -> None:
     """Saves a pytree as a compressed .npz file: every leaf, typed keys included, under its key path.
 
     Raises:
       StorageError: a leaf is not finite; nothing is written.
     """
-    leaves = jax.tree_util.tree_leaves_with_path(tree)
-    arrays = {_entry(key_path): _to_numpy(leaf) for key_path, leaf in leaves}
-    for name, array in arrays.items():
-        if np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
-            raise StorageError(f"{path} is not written, because {name} is not finite")
-    write_arrays(path, {_VERSION_ENTRY: np.int32(VERSION), **arrays})
+    write_arrays(path, {_VERSION_ENTRY: np.int32(VERSION), **_finite_arrays(path, tree)})
 
 
 def load_tree(path: Path, like: Any) -> Any:
@@ -98,9 +140,51 @@ def load_tree(path: Path, like: Any) -> Any:
       StorageError: the file is missing, damaged or of another version, or its leaves differ from those of `like` in
         name, shape or dtype; the message names the leaf.
     """
+    return _restored(path, _read_arrays(path), like)
+
+
+def save_tensors(path: Path, tree: Any) -> None:
+    """As `save_tree`, in the safetensors format, which other programs read.
+
+    Raises:
+      StorageError: a leaf is not finite; nothing is written.
+    """
+    arrays = _finite_arrays(path, tree)
+    write_atomically(path, lambda temporary: save_file(arrays, temporary))
+
+
+def load_tensors(path: Path, like: Any) -> Any:
+    """Loads a file written by `save_tensors` into the structure of `like` (arrays or shapes).
+
+    Raises:
+      StorageError: the file is missing or damaged, or its leaves differ from those of `like`; see `load_tree`.
+    """
+    try:
+        arrays = load_file(path)
+    except FileNotFoundError:
+        raise StorageError(f"{path} is missing") from None
+    except (OSError, SafetensorError) as error:
+        raise StorageError(f"{path} is damaged or no safetensors file: {error}") from None
+    return _restored(path, arrays, like)
+
+
+def _finite_arrays(path: Path, tree: Any) -> dict[str, np.ndarray]:
+    """All leaves by key path, for a file at `path`.
+
+    Raises:
+      StorageError: a leaf is not finite.
+    """
+    arrays = {_entry(key_path): _to_numpy(leaf) for key_path, leaf in jax.tree_util.tree_leaves_with_path(tree)}
+    for name, array in arrays.items():
+        if np.issubdtype(array.dtype, np.floating) and not np.isfinite(array).all():
+            raise StorageError(f"{path} is not written, because {name} is not finite")
+    return arrays
+
+
+def _restored(path: Path, arrays: Mapping[str, np.ndarray], like: Any) -> Any:
+    """The arrays of a file in the structure of `like`; see `load_tree`."""
     leaves, structure = jax.tree_util.tree_flatten_with_path(like)
     wanted = {_entry(key_path): leaf for key_path, leaf in leaves}
-    arrays = _read_arrays(path)
     for name in sorted(wanted.keys() - arrays.keys()):
         raise StorageError(f"{path} lacks {name}, which this program needs")
     for name in sorted(arrays.keys() - wanted.keys()):

@@ -37,5 +37,6 @@ def run(request: Pretrain) -> dict[str, Any]:
     with Progress() as progress:
         ((model, metrics),) = train_encoders([job], settings.pretrain_config, progress)
         metrics |= audit_reward(job, task, model)
+        model.save(folder.path, metrics)
     write_json(folder.path / "summary.json", {**metrics, "versions": runtime.versions(), "device": runtime.device()})
     return {"out": str(folder.path), **{name: value for name, value in metrics.items() if isinstance(value, float)}}

@@ -4,19 +4,14 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
-from graphrl_jax.encoder import encoder
-from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.experiment.environments import environment_of
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import Settings
-from graphrl_jax.graph import ObjectTable
-from graphrl_jax.pretrain.config import PretrainConfig
 from graphrl_jax.pretrain.trainer import pooling_params
 from graphrl_jax.registry import make_task
-from graphrl_jax.reward.model import RewardModel
+from graphrl_jax.reward.model import load_parameters
 from graphrl_jax.rl import ppo
 from graphrl_jax.storage import load_tree
 from graphrl_jax.task import Task
@@ -31,32 +26,16 @@ class TrainedRun(NamedTuple):
     policy: Any
 
 
-def load_reward(run: Run, config: PretrainConfig, objects: ObjectTable) -> RewardModel:
-    """The frozen reward saved in a run's directory.
-
-    Raises:
-      StorageError: there is none, or it does not match an encoder of these sizes.
-    """
-
-    def template() -> RewardModel:
-        zero = jnp.zeros((), jnp.float32)
-        params = encoder.init(jax.random.key(0), config.encoder, objects)
-        pooling = PoolingParams(zero, zero, zero, zero, config.activity)
-        goal = jnp.zeros(config.encoder.embedding, jnp.float32)
-        return RewardModel(params, goal, zero, zero, pooling, config.encoder.image_size)
-
-    return load_tree(run.path / "encoder.npz", jax.eval_shape(template))
-
-
 def load_reward_params(run: Run, settings: Settings, task: Task) -> Any:
     """The reward parameters of a run of `train`: its `RewardModel`, or `PoolingParams` if no reward is learned.
 
     Raises:
-      StorageError: see `load_reward`.
+      StorageError: see `load_parameters`.
     """
+    config = settings.pretrain_config
     if settings.method.encoder is None:
-        return jax.tree.map(np.float32, pooling_params(settings.pretrain_config, settings.pretrain))
-    return load_reward(run, settings.pretrain_config, task.objects)
+        return jax.tree.map(np.float32, pooling_params(config, settings.pretrain))
+    return load_parameters(run.path, config.encoder, config.activity, task.objects)
 
 
 def load_policy(run: Run, task: Task, settings: Settings, reward_params: Any) -> Any:

@@ -25,6 +25,7 @@ from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
 from graphrl_jax.experiment.train_policy import PolicyJob, train_policies
 from graphrl_jax.pretrain.config import PretrainHyper
 from graphrl_jax.progress import Progress
+from graphrl_jax.reward.card import MODEL, Card, read_card, write_card
 from graphrl_jax.runtime import ProcessLog, device, versions
 from graphrl_jax.storage import read_json, write_atomically, write_json
 from graphrl_jax.task import Task
@@ -32,7 +33,7 @@ from graphrl_jax.task import Task
 VIDEO_EPISODES = 2
 LEAST_SUCCESSES = 3
 """Soft TCC needs pairs, and at least one success is held out."""
-ENCODER_FILES = ("encoder.npz", "encoder.json")
+ENCODER_FILES = (MODEL, "encoder.json")
 
 
 @dataclass(frozen=True)
@@ -215,13 +216,20 @@ def _encoders(members: Sequence[Member], task: Task, progress: Progress) -> list
         for job, (model, metrics) in zip(jobs, trained, strict=True):
             progress.note(f"auditing {job.run.path.name}")
             metrics |= audit_reward(job, task, model)
-            write_json(job.run.path / "encoder.json", metrics)
+            _write_encoder(job.run, model.card, metrics)
     for member in members:
         owner = owners[member.settings.pretrain, member.settings.seed]
         _keep_demonstrations(member, members, task)
-        for name in ENCODER_FILES:
-            _copy_missing(owner.run.path / name, member.run.path / name)
+        if not (member.run.path / "encoder.json").exists():
+            _copy_missing(owner.run.path / MODEL, member.run.path / MODEL)
+            _write_encoder(member.run, read_card(owner.run.path), read_json(owner.run.path / "encoder.json"))
     return [read_json(member.run.path / "encoder.json") for member in members]
+
+
+def _write_encoder(run: Run, card: Card, metrics: dict[str, Any]) -> None:
+    """Writes the card of a run's reward model, then the model's metrics, which say that it is finished."""
+    write_card(run.path, card, metrics)
+    write_json(run.path / "encoder.json", metrics)
 
 
 def _policies(

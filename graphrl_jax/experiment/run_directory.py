@@ -1,6 +1,6 @@
 """The run directory: all results of a run, sufficient to evaluate, replay or resume it.
 
-config.json      its settings and commit             encoder.npz      the learned reward (learned rewards only)
+config.json      its settings and commit             model.safetensors, README.md   the reward model and its card
 metrics.jsonl    one line per logged step            encoder.json     metrics of the encoder and its audit
 summary.json     the run's final metrics             policy.npz       policy and observation statistics
 figures/         plots                               train_state.npz  everything PPO's next update depends on
@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from graphrl_jax.experiment.settings import Settings, as_json, from_json
+from graphrl_jax.reward.card import without_card
 from graphrl_jax.runtime import commit
 from graphrl_jax.storage import read_json, to_json, write_atomically, write_json
 
@@ -80,7 +81,7 @@ class Run:
                 f"{' or '.join(map(repr, commands)) or 'any command'}, version {VERSION}"
             )
         config.pop("commit", None)
-        return config
+        return without_card(config)
 
     def settings(self, *commands: str) -> Settings:
         """Settings of a run of `train`, or of a member of a sweep.

@@ -1,8 +1,7 @@
 """All settings of a run: composed from defaults, preset, task, method and request, and stored as JSON."""
 
-import typing
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields, is_dataclass, replace
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from graphrl_jax.experiment.methods import ABLATIONS, Method, method_named
@@ -10,6 +9,7 @@ from graphrl_jax.experiment.presets import Preset, preset_named
 from graphrl_jax.experiment.ranges import refuse_no_loss, refuse_no_retreat, refuse_outside, refuse_switched_off
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 from graphrl_jax.rl.config import PPOConfig, PPOHyper
+from graphrl_jax.storage import from_plain
 from graphrl_jax.task import Task, TrainingSize
 
 
@@ -196,32 +196,4 @@ def from_json(values: Mapping[str, Any]) -> Settings:
     Raises:
       ValueError: a field is missing, unknown, or has a value that is not allowed; the message names it.
     """
-    return _built(Settings, values, "")
-
-
-def _built(kind: type, values: Mapping[str, Any], prefix: str) -> Any:
-    """A dataclass from JSON, nested dataclasses included."""
-    kinds = typing.get_type_hints(kind)
-    if not isinstance(values, Mapping):
-        raise ValueError(f"settings: {prefix.rstrip('.')} is {values!r}; allowed: an object of {', '.join(kinds)}")
-    for name in sorted(values.keys() ^ kinds.keys()):
-        raise ValueError(f"settings: {prefix}{name} is {'missing' if name in kinds else 'unknown'}")
-    made = {}
-    for name, value in values.items():
-        build = _built if is_dataclass(kinds[name]) else _leaf
-        made[name] = build(kinds[name], value, f"{prefix}{name}." if build is _built else f"{prefix}{name}")
-    return kind(**made)
-
-
-def _leaf(hint: Any, value: Any, name: str) -> Any:
-    """A value from JSON, after a check of its type; a config class checks which values are allowed."""
-    if typing.get_origin(hint) is tuple:
-        if not isinstance(value, list | tuple):
-            raise ValueError(f"settings: {name} is {value!r}; allowed: a list")
-        return tuple(_leaf(typing.get_args(hint)[0], one, name) for one in value)
-    allowed = (str,) if typing.get_origin(hint) is typing.Literal else typing.get_args(hint) or (hint,)
-    # JSON does not tell 1 from 1.0.
-    if type(value) not in ((*allowed, int) if float in allowed else allowed):
-        names = " or ".join(getattr(kind, "__name__", str(kind)) for kind in allowed)
-        raise ValueError(f"settings: {name} is {value!r}; allowed: {names}")
-    return value
+    return from_plain(Settings, values, "settings")

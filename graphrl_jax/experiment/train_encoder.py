@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any, NamedTuple
 
@@ -18,17 +18,25 @@ from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 from graphrl_jax.pretrain.trainer import PretrainData, PretrainState
 from graphrl_jax.progress import Progress
 from graphrl_jax.reward.alignment import cycle_consistency, kendall_tau, value_order_correlation
-from graphrl_jax.reward.model import RewardModel, demonstration_embeddings, demonstration_rewards, fit_reward
+from graphrl_jax.reward.card import Card
+from graphrl_jax.reward.model import (
+    RewardModel,
+    demonstration_embeddings,
+    demonstration_rewards,
+    fit_reward,
+    save_parameters,
+)
 from graphrl_jax.rl.ppo import as_float32
-from graphrl_jax.storage import save_tree
 
+ENDS_SHARE = 0.95
+"""Share of the successes that end with a reward above the card's `end_reward`."""
 FITTED_SHARE = 0.75
 """Share of the successes that an encoder is trained on; the rest is held out."""
 
 
 @dataclass(frozen=True)
 class EncoderJob:
-    """An encoder to train, and the run folder for `encoder.npz` and log lines."""
+    """An encoder to train, and the run folder for its parameters and log lines."""
 
     run: Run
     demonstrations: Demonstrations
@@ -64,7 +72,7 @@ class _Inputs(NamedTuple):
 def train_encoders(
     jobs: Sequence[EncoderJob], config: PretrainConfig, progress: Progress
 ) -> list[tuple[RewardModel, dict[str, Any]]]:
-    """Pretrains encoders on three quarters of the successes and fits their rewards; writes `encoder.npz` for each.
+    """Pretrains encoders on three quarters of the successes and fits their rewards; writes the parameters of each.
 
     Returns:
       Per job its reward model, and metrics on the held-out quarter: kendall_tau, cycle_consistency,
@@ -162,8 +170,25 @@ def _fit_reward(job: EncoderJob, config: PretrainConfig, data: PretrainData, sta
     pooling = trainer.pooling_params(config, job.hyper)
     image_size = config.encoder.image_size
     model = fit_reward(state.params["encoder"], job.split[0], pooling, shown, job.hyper.even, image_size)
-    save_tree(job.run.path / "encoder.npz", model)
-    return model
+    save_parameters(job.run.path, model)
+    return replace(model, card=_card(job, config, model))
+
+
+def _card(job: EncoderJob, config: PretrainConfig, model: RewardModel) -> Card:
+    """The card of a trained model."""
+    demos = job.split[0]
+    ends = np.asarray(demonstration_rewards(model, demos))[np.arange(len(demos)), demos.lengths - 1]
+    end_reward = float(np.quantile(ends, 1 - ENDS_SHARE))
+    return Card(
+        objects=demos.objects,
+        frame_rate=demos.frame_rate,
+        encoder=config.encoder,
+        activity=config.activity,
+        task=demos.task,
+        source=demos.source,
+        demonstrations=len(demos),
+        end_reward=end_reward,
+    )
 
 
 def encoder_metrics(model: RewardModel, held_out: Demonstrations) -> dict[str, float]:

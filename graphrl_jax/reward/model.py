@@ -6,8 +6,11 @@ half-time only, makes the reward rise evenly.
 """
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -15,10 +18,13 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.encoder import pixels
+from graphrl_jax.encoder import encoder, pixels
+from graphrl_jax.encoder.config import ActivityRule, EncoderConfig
 from graphrl_jax.encoder.encoder import EncoderParams, Seen, encode, encode_sequence
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.graph import ObjectTable, safe_norm
+from graphrl_jax.reward.card import MODEL, Card, read_card, write_card
+from graphrl_jax.storage import load_tensors, save_tensors
 
 FARTHEST = 2.0
 """Largest scaled distance; the first frames are at 1. What is thrown out of the image must not outweigh the rest."""
@@ -39,6 +45,7 @@ class RewardModel:
     | exponent   | ()    | float32 | exponent of the scaled distance; 1 in Eq. 3                   |
     | pooling    |       | float32 | `PoolingParams`                                               |
     | image_size |       | int     | static: edge of the input images in pixels; None for graphs   |
+    | card       |       |         | static: `Card`; None while it is trained                      |
     """
 
     params: EncoderParams
@@ -47,6 +54,56 @@ class RewardModel:
     exponent: jax.Array
     pooling: PoolingParams
     image_size: int | None = field(default=None, metadata={"static": True})
+    card: Card | None = field(default=None, metadata={"static": True})
+
+    @classmethod
+    def load(cls, folder: str | Path) -> "RewardModel":
+        """The reward model in a folder: one that `save` wrote, or that of a run.
+
+        Raises:
+          StorageError: the folder holds none, or a damaged one; the message names the file and the field.
+        """
+        card = read_card(Path(folder))
+        return replace(load_parameters(Path(folder), card.encoder, card.activity, card.objects), card=card)
+
+    def save(self, folder: str | Path, numbers: Mapping[str, Any] | None = None) -> None:
+        """Writes the model into a folder, which may be moved: config.json, model.safetensors, README.md.
+
+        Args:
+          folder: where; missing folders are created.
+          numbers: measures of the model for its README.md.
+
+        Raises:
+          ValueError: the model has no card.
+          StorageError: a parameter is not finite.
+        """
+        if self.card is None:
+            raise ValueError("a reward model without card cannot be saved, because nobody could tell what it takes")
+        save_parameters(Path(folder), self)
+        write_card(Path(folder), self.card, numbers or {})
+
+    def rewards(self, boxes: ArrayLike, mask: ArrayLike) -> jax.Array:
+        """The reward of every frame of a recording: (T,) float32.
+
+        Args:
+          boxes: (T, N, 4) float32, in the order of the card's objects, at its frame rate.
+          mask: (T, N) bool, False where the object was not seen.
+
+        Raises:
+          ValueError: the model has no card, takes images, or has another number of objects.
+        """
+        card = self.card
+        if card is None or self.image_size is not None:
+            raise ValueError("rewards of boxes need a model of graphs with a card")
+        boxes, mask = jnp.asarray(boxes, jnp.float32), jnp.asarray(mask, bool)
+        slots = card.objects.num_slots
+        if boxes.ndim != 3 or boxes.shape[1:] != (slots, 4) or mask.shape != boxes.shape[:2]:
+            raise ValueError(
+                f"rewards takes boxes (T, {slots}, 4) and mask (T, {slots}), got {boxes.shape} and {mask.shape}"
+            )
+        length = boxes.shape[0]
+        embeddings = encode_sequence(self.params, card.objects, boxes, mask, length, self.pooling)
+        return self.value(safe_norm(embeddings - self.goal[None]))
 
     def embed(self, seen: Seen) -> jax.Array:
         """phi(G) of one graph, or of one image: (D,)."""
@@ -67,6 +124,31 @@ class RewardModel:
         """
         scaled = jnp.minimum(self.kappa * distance, FARTHEST)
         return -jnp.where(scaled > 0, jnp.where(scaled > 0, scaled, 1.0) ** self.exponent, 0.0)
+
+
+def save_parameters(folder: Path, model: RewardModel) -> None:
+    """Writes the parameters of a model, without its card, into a folder.
+
+    Raises:
+      StorageError: a parameter is not finite.
+    """
+    save_tensors(folder / MODEL, replace(model, card=None))
+
+
+def load_parameters(folder: Path, config: EncoderConfig, activity: ActivityRule, objects: ObjectTable) -> RewardModel:
+    """The model, without card, whose parameters are in a folder.
+
+    Raises:
+      StorageError: there are none, or they do not match an encoder of these sizes.
+    """
+
+    def template() -> RewardModel:
+        zero = jnp.zeros((), jnp.float32)
+        params = encoder.init(jax.random.key(0), config, objects)
+        pooling = PoolingParams(zero, zero, zero, zero, activity)
+        return RewardModel(params, jnp.zeros(config.embedding, jnp.float32), zero, zero, pooling, config.image_size)
+
+    return load_tensors(folder / MODEL, jax.eval_shape(template))
 
 
 def fit_reward(

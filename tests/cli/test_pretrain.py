@@ -12,6 +12,7 @@ from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.train_encoder import EncoderJob
 from graphrl_jax.pretrain.config import PretrainHyper
 from graphrl_jax.registry import make_task
+from graphrl_jax.reward.model import RewardModel
 from tests.helpers.commands import call, rejected
 
 pytestmark = pytest.mark.usefixtures("outside_package")
@@ -22,7 +23,10 @@ def test_an_encoder_alone_is_trained_and_audited(demos_file, tmp_path):
     call(cli.main, "pretrain", "--demos", demos_file, "--out", out, "--steps", 20)
     summary = json.loads((out / "summary.json").read_text())
     assert set(summary["trajectory_scores"]["by_kind"]) == {"success", "idle"}
-    assert (out / "encoder.npz").exists() and (out / "figures" / "landscape.png").exists()
+    assert (out / "figures" / "landscape.png").exists()
+    model = RewardModel.load(out)
+    assert (model.card.task, model.card.demonstrations) == ("carry", 5)
+    assert "| pair_accuracy |" in (out / "README.md").read_text()
     assert summary["discrimination"]["failures"] == 2 and 0 <= summary["discrimination"]["auroc"] <= 1
     assert json.loads((out / "subtasks.json").read_text())["judged"] == summary["subtasks"]
     config = json.loads((out / "config.json").read_text())

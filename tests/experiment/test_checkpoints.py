@@ -10,12 +10,12 @@ import jax
 import numpy as np
 import pytest
 
-from graphrl_jax.experiment.checkpoints import load_reward, load_run
+from graphrl_jax.experiment.checkpoints import load_run
 from graphrl_jax.experiment.evaluation import evaluate_policy
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.graph import build_graph
 from graphrl_jax.registry import make_task
-from graphrl_jax.reward.model import RewardModel
+from graphrl_jax.reward.model import RewardModel, load_parameters
 from graphrl_jax.storage import StorageError
 from tasks.engine import default_engine
 
@@ -43,7 +43,8 @@ def test_a_run_is_loaded_with_any_engine():
 def released() -> RewardModel:
     """The released reward."""
     settings = GRAPH_RUN.settings()
-    return load_reward(GRAPH_RUN, settings.pretrain_config, make_task(settings.task).objects)
+    config = settings.pretrain_config
+    return load_parameters(GRAPH_RUN.path, config.encoder, config.activity, make_task(settings.task).objects)
 
 
 @pytest.fixture(scope="module")
@@ -81,12 +82,20 @@ def test_permuted_weights_are_not_the_released_reward(released, rewards_of):
 def test_a_checkpoint_of_other_sizes_is_refused_by_the_name_of_a_leaf(tmp_path):
     settings = GRAPH_RUN.settings()
     config = settings.pretrain_config
-    wider = replace(config, encoder=replace(config.encoder, hidden=2 * config.encoder.hidden))
+    wider = replace(config.encoder, hidden=2 * config.encoder.hidden)
     objects = make_task(settings.task).objects
-    with pytest.raises(StorageError, match=r"encoder.npz: tree/params/\S+ is float32\["):
-        load_reward(GRAPH_RUN, wider, objects)
-    with pytest.raises(StorageError, match="encoder.npz is missing"):
-        load_reward(Run(tmp_path), config, objects)
+    with pytest.raises(StorageError, match=r"model.safetensors: tree/params/\S+ is float32\["):
+        load_parameters(GRAPH_RUN.path, wider, config.activity, objects)
+    with pytest.raises(StorageError, match="model.safetensors is missing"):
+        load_parameters(tmp_path, config.encoder, config.activity, objects)
+
+
+def test_the_folder_of_a_run_is_that_of_its_reward_model(released, rewards_of):
+    loaded = RewardModel.load(GRAPH_RUN.path)
+    np.testing.assert_array_equal(rewards_of(replace(loaded, card=None)), rewards_of(released))
+    settings = GRAPH_RUN.settings()
+    assert loaded.card.encoder == settings.pretrain_config.encoder and loaded.card.task == settings.task
+    assert loaded.card.objects == make_task(settings.task).objects
 
 
 @pytest.mark.slow

@@ -24,14 +24,15 @@ pytestmark = pytest.mark.usefixtures("outside_package")
 DIES_AFTER = """
 import os, signal, sys
 from graphrl_jax import cli
-from graphrl_jax.experiment import train_encoder, train_policy
+from graphrl_jax.experiment import train_policy
+from graphrl_jax.reward import model
 def dying(save):
     def save_and_die(path, tree):
         save(path, tree)
         if path.name == sys.argv[1]:
             os.kill(os.getpid(), signal.SIGKILL)
     return save_and_die
-train_encoder.save_tree = dying(train_encoder.save_tree)
+model.save_tensors = dying(model.save_tensors)
 train_policy.save_generation = dying(train_policy.save_generation)
 cli.train_main(sys.argv[2:])
 """
@@ -46,8 +47,8 @@ def finished(outside_package, tmp_path_factory):
 def test_a_run_directory_holds_everything(finished):
     files = {str(path.relative_to(finished)) for path in finished.rglob("*") if path.is_file()}
     assert files == {
-        "config.json", "metrics.jsonl", "summary.json", "demonstrations.npz", "encoder.npz", "encoder.json",
-        "subtasks.json", "policy.npz", "train_state.npz", "train_state.previous.npz", "rollout.mp4",
+        "config.json", "metrics.jsonl", "summary.json", "demonstrations.npz", "model.safetensors", "README.md",
+        "encoder.json", "subtasks.json", "policy.npz", "train_state.npz", "train_state.previous.npz", "rollout.mp4",
         "figures/learning_curve.png", "figures/landscape.png", "figures/reward_on_demonstrations.png",
         "figures/reward_on_rollouts.png",
     }  # fmt: skip
@@ -64,7 +65,7 @@ def test_a_run_directory_holds_everything(finished):
     assert {"env_reward", "learned_reward", "distance", "success"} <= policy_records[0].keys()
 
 
-@pytest.mark.parametrize("file", ["encoder.npz", "train_state.npz"])
+@pytest.mark.parametrize("file", ["model.safetensors", "train_state.npz"])
 def test_a_killed_run_resumes_to_the_same_numbers(finished, tmp_path, file):
     out = tmp_path / "killed"
     killed = subprocess.run([sys.executable, "-c", DIES_AFTER, file, *TRAIN, "--out", out], stderr=subprocess.PIPE)

@@ -127,7 +127,7 @@ def test_two_processes_learn_a_reward_together_and_go_on(tmp_path):
     outcomes = together(*TRAIN, "--out", tmp_path / "two")
     first, second = tmp_path / "two", tmp_path / "two.process_1"
     np.testing.assert_allclose(curve(first), curve(second), rtol=1e-5)
-    assert (first / "encoder.npz").stat().st_size == (second / "encoder.npz").stat().st_size
+    assert (first / "model.safetensors").stat().st_size == (second / "model.safetensors").stat().st_size
     again = together("--out", first, "--resume")
     assert [row["mean_return"] for row in again] == [row["mean_return"] for row in outcomes]
 

@@ -14,7 +14,7 @@ from benchmarks.studies.reward.report import write_report
 from benchmarks.studies.reward.variants import POLICY_VARIANTS, VARIANTS, Variant
 from graphrl_jax import demonstrations as demonstration_files
 from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.experiment.checkpoints import TrainedRun, load_reward
+from graphrl_jax.experiment.checkpoints import TrainedRun
 from graphrl_jax.experiment.evaluation import SEED_OFFSET, evaluate_policy
 from graphrl_jax.experiment.keys import RunStage, stage_key
 from graphrl_jax.experiment.presets import PRESETS
@@ -24,7 +24,7 @@ from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
 from graphrl_jax.experiment.train_policy import PolicyJob, train_policies
 from graphrl_jax.progress import Progress
 from graphrl_jax.registry import make_task
-from graphrl_jax.reward.model import fit_reward
+from graphrl_jax.reward.model import fit_reward, load_parameters
 from graphrl_jax.runtime import configure
 from graphrl_jax.storage import read_json, write_json
 from graphrl_jax.task import Task
@@ -134,7 +134,7 @@ def policy_row(encoder: str, member: str, request: Policies) -> dict[str, Any]:
     config, hyper = VARIANTS[name].settings()
     change = POLICY_VARIANTS[request.variant]
     task = MatchRegions(**change.task)
-    reward_params = load_reward(Run(RUNS / encoder), config, task.objects)
+    reward_params = load_parameters(RUNS / encoder, config.encoder, config.activity, task.objects)
     method = "graph" if hyper.suppress_robot else "graph_with_robot"
     settings = compose(task, method, seed=int(seed), updates=request.updates, ppo=change.hyper)
     settings = replace(settings, pretrain_config=config, pretrain=hyper)
