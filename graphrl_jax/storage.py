@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save_file
+from safetensors.numpy import load_file, save
 
 Kind = TypeVar("Kind")
 
@@ -149,8 +149,8 @@ def save_tensors(path: Path, tree: Any) -> None:
     Raises:
       StorageError: a leaf is not finite; nothing is written.
     """
-    arrays = _finite_arrays(path, tree)
-    write_atomically(path, lambda temporary: save_file(arrays, temporary))
+    content = save(_finite_arrays(path, tree))
+    write_atomically(path, lambda temporary: temporary.write_bytes(content))
 
 
 def load_tensors(path: Path, like: Any) -> Any:
