@@ -1,5 +1,6 @@
 """Conversion of recordings to demonstrations: detection, tracking, padding."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,7 @@ from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.perception.config import FORMATS
 from graphrl_jax.perception.detector import Detector
-from graphrl_jax.perception.importers import coco, images, labels, magical, videos
+from graphrl_jax.perception.importers import coco, images, labels, lerobot, magical, robomimic, videos
 from graphrl_jax.perception.importers.recording import ImportFailure, Recording, Recordings, files_of
 from graphrl_jax.perception.tracking import assign, bridge
 
@@ -21,7 +22,11 @@ ENDINGS: dict[str, tuple[str, ...]] = {
     "coco": (".json",),
     "yolo": (".txt",),
     "corners": (".txt",),
+    "lerobot": ("info.json",),
+    "robomimic": (".hdf5", ".h5"),
 }
+_READY = ("coco", "yolo", "lerobot")
+"""Formats of files that say what the images or videos beside them hold."""
 
 
 @dataclass(frozen=True)
@@ -32,6 +37,7 @@ class Source:
       path: file or folder.
       format: one of `FORMATS`, or None to infer it from the files.
       size: width and height of the images, which corner files do not contain.
+      camera: camera to read of a LeRobotDataset or of robomimic's files; None takes the only one.
 
     Raises:
       ImportFailure: the path is missing, the format is unknown or cannot be inferred, or the size is missing or 0.
@@ -40,6 +46,7 @@ class Source:
     path: Path
     format: str | None = None
     size: tuple[int, int] | None = None
+    camera: str | None = None
 
     def __post_init__(self) -> None:
         if not self.path.exists():
@@ -69,6 +76,10 @@ class Source:
                 return coco.read_coco(files, objects.class_names)
             case "yolo":
                 return labels.read_label_folders(files, partial(labels.yolo_line, objects.class_names, self.path))
+            case "lerobot":
+                return lerobot.read_lerobot(files, self.camera)
+            case "robomimic":
+                return robomimic.read_robomimic(files, self.camera)
         assert self.size is not None
         read = labels.corner_line(objects.class_ids, self.size)
         return labels.read_label_folders(files, lambda _: read)
@@ -81,6 +92,8 @@ def _of_format(name: str, files: list[Path]) -> list[Path]:
             return coco.coco_files(files)
         case "yolo" | "corners":
             return labels.label_files(files)
+        case "lerobot":
+            return lerobot.info_files(files)
     return files
 
 
@@ -95,11 +108,11 @@ def guess_format(path: Path) -> str:
         for name in FORMATS
         if name != "corners"
         and (files := files_of(path, *ENDINGS[name]))
-        and (path.is_file() or _of_format(name, files))
+        and ((path.is_file() and name != "lerobot") or _of_format(name, files))
     ]
     if not found:
         raise ImportFailure(f"{path} holds nothing of a known format; known formats: {', '.join(FORMATS)}")
-    ready = [name for name in found if name in ("coco", "yolo")]
+    ready = [name for name in found if name in _READY]
     if len(ready or found) > 1:
         raise ImportFailure(f"{path} holds {' and '.join(ready or found)}; --format says which to read")
     return (ready or found)[0]
@@ -135,9 +148,22 @@ def track_recording(
 
 
 def demonstrations_of(
-    tracks: list[tuple[np.ndarray, np.ndarray, bool]], objects: ObjectTable, frame_rate: float, task: str, source: str
+    tracks: list[tuple[np.ndarray, np.ndarray, bool]],
+    objects: ObjectTable,
+    frame_rate: float,
+    task: str,
+    source: str,
+    events: Sequence[Mapping[str, int] | None] = (),
 ) -> Demonstrations:
     """Demonstrations from tracks (boxes (T_b, N, 4), mask (T_b, N), success) of any lengths, padded to the longest.
+
+    Args:
+      tracks: one per demonstration.
+      objects: the object table, of N slots.
+      frame_rate: frames per second.
+      task: the task's registered name.
+      source: origin of the demonstrations.
+      events: frames of the true events of each demonstration by name; left out if those of one are unknown.
 
     Raises:
       ImportFailure: there are no tracks.
@@ -145,6 +171,8 @@ def demonstrations_of(
     if not tracks:
         raise ImportFailure(f"{source} holds no demonstrations")
     longest = max(len(boxes) for boxes, _, _ in tracks)
+
+    names, frames = _event_frames(events, len(tracks))
 
     def padded(values: np.ndarray) -> np.ndarray:
         return np.pad(values, [(0, longest - len(values))] + [(0, 0)] * (values.ndim - 1))
@@ -158,4 +186,15 @@ def demonstrations_of(
         frame_rate=frame_rate,
         source=source,
         task=task,
+        events=frames,
+        event_names=names,
     )
+
+
+def _event_frames(events: Sequence[Mapping[str, int] | None], count: int) -> tuple[tuple[str, ...], np.ndarray | None]:
+    """Names of all events, and the frame of each in each demonstration, -1 for never: (E,) and (B, E) int32."""
+    known = [one for one in events if one is not None]
+    names = tuple(dict.fromkeys(name for one in known for name in one))
+    if not names or len(known) < count:
+        return (), None
+    return names, np.array([[one.get(name, -1) for name in names] for one in known], np.int32)
