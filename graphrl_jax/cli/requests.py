@@ -153,10 +153,11 @@ class Evaluate:
 
 @dataclass(frozen=True)
 class Import:
-    """Makes a demonstration file from recordings: videos, folders of frames, datasets of robots, or ready-made boxes.
+    """Makes a demonstration file from recordings: videos, frames, MAGICAL's .pkl.gz, datasets of robots, or boxes.
 
     Attributes:
-      source: file or folder; one demonstration per video, per sequence of frames or labels in a folder, per episode.
+      source: file or folder; one demonstration per video, per sequence of frames or labels in a folder, per .pkl.gz,
+        per episode of a dataset.
       out: file to write (.npz); must not exist.
       task: registered task of the recordings.
       format: format of the source.

@@ -35,7 +35,7 @@ def are_pictures(frames: np.ndarray, episode: int, length: int, camera: str = CA
 def write_mp4(path: Path, frames: np.ndarray, codec: str = "libx264", rate: float = FRAME_RATE) -> None:
     """Writes frames as a video whose index stands before its frames, so that a cut-off file can be opened."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    output = ["-movflags", "faststart", *(["-crf", "30", "-g", "2"] if codec == "libsvtav1" else [])]
+    output = ["-movflags", "faststart", *(["-crf", "30", "-g", "2", "-cpu-used", "8"] if codec == "libaom-av1" else [])]
     size = (frames.shape[2], frames.shape[1])
     writer = write_frames(path, size, fps=rate, codec=codec, macro_block_size=1, quality=None, output_params=output)
     writer.send(None)

@@ -1,7 +1,7 @@
 """What the readers of robots' datasets share: the choice of a camera, and checks of fields."""
 
 import json
-import math
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -56,6 +56,6 @@ def rate(value: Any, what: str) -> float:
     Raises:
       ImportFailure: it is no finite number above 0.
     """
-    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value <= sys.float_info.max:
         raise ImportFailure(f"{what} is {value!r}; allowed: finite numbers above 0")
     return float(value)

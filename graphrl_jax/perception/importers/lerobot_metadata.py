@@ -91,8 +91,11 @@ def read_info(path: Path) -> Info:
     if version not in VERSIONS:
         raise ImportFailure(f"{path}: codebase_version is {version!r}; allowed: {', '.join(VERSIONS)}")
     features = content.get("features")
-    if not isinstance(features, dict) or not all(isinstance(feature, dict) for feature in features.values()):
-        raise ImportFailure(f"{path}: features is {features!r}; allowed: dtype, shape and names by feature")
+    if not isinstance(features, dict):
+        raise ImportFailure(f"{path}: features is of type {type(features).__name__}; allowed: a JSON object")
+    for name, feature in features.items():
+        if not isinstance(feature, dict):
+            raise ImportFailure(f"{path}: features: {name} is {feature!r}; allowed: its dtype, shape and names")
     for name, kinds in (("data_path", str), ("video_path", str | None)):
         if not isinstance(content.get(name), kinds):
             raise ImportFailure(f"{path}: {name} is {content.get(name)!r}; allowed: the pattern of a path")
@@ -132,10 +135,14 @@ def _shows_colours(feature: Mapping[str, Any]) -> bool:
 def _size(feature: Mapping[str, Any], where: str) -> tuple[int, int]:
     """Height and width of a camera's frames; the order of its shape is that of its names."""
     shape, names = feature.get("shape"), feature.get("names")
-    channels_first = isinstance(names, list) and names[-2:] == ["height", "width"]
-    if isinstance(shape, list) and len(shape) == 3 and shape[0 if channels_first else 2] == 3:
-        height, width = shape[1:] if channels_first else shape[:2]
-        return whole(height, f"{where}: height", least=1), whole(width, f"{where}: width", least=1)
+    names = list(map(str, names)) if isinstance(names, list) else []
+    if not {"height", "width"} <= set(names):
+        names = ["height", "width", "channels"]
+    if isinstance(shape, list) and len(shape) == len(names) == 3:
+        sizes = dict(zip(names, shape, strict=True))
+        height, width = (whole(sizes.pop(name), f"{where}: {name}", least=1) for name in ("height", "width"))
+        if list(sizes.values()) == [3]:
+            return height, width
     raise ImportFailure(f"{where}: shape is {shape!r}; allowed: height, width and 3 channels")
 
 

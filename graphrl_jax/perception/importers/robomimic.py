@@ -35,7 +35,9 @@ def read_robomimic(files: list[Path], camera: str | None) -> Recordings:
         try:
             with h5py.File(path, "r") as file:
                 yield from _recordings(file, path, camera)
-        except (OSError, RuntimeError, KeyError, UnicodeDecodeError) as error:
+        except ImportFailure:
+            raise
+        except (OSError, RuntimeError, LookupError, TypeError, ValueError) as error:
             raise ImportFailure(f"{path}: no HDF5 that can be read: {' '.join(str(error).split())}") from None
 
 

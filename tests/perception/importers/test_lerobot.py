@@ -57,7 +57,7 @@ def check(recordings, camera=CAMERAS[0]):
         assert recording.notes == () and recording.events is None
 
 
-@pytest.mark.parametrize("options", [{}, {"codec": "libsvtav1"}, {"dtype": "image"}, {"drift": 0.02}])
+@pytest.mark.parametrize("options", [{}, {"codec": "libaom-av1"}, {"dtype": "image"}, {"drift": 0.02}])
 @pytest.mark.parametrize("camera", CAMERAS)
 def test_episodes_of_shared_files_have_their_own_frames(tmp_path, options, camera):
     write_lerobot_v30(tmp_path, **options)
@@ -125,9 +125,14 @@ def test_a_camera_is_refused_where_it_changes_nothing(tmp_path, capsys):
 
 def test_the_order_of_a_shape_is_that_of_its_names(dataset):
     features = json.loads((dataset / "meta/info.json").read_text())["features"]
-    features[CAMERAS[0]] |= {"shape": [3, *SIZE], "names": ["channels", "height", "width"]}
-    edit_info(dataset, features=features)
-    check(read(dataset, CAMERAS[0]))
+    height, width = SIZE
+    for shape, names in (
+        ([3, *SIZE], ["channel", "height", "width"]),
+        ([width, height, 3], ["width", "height", "rgb"]),
+    ):
+        features[CAMERAS[0]] |= {"shape": shape, "names": names}
+        edit_info(dataset, features=features)
+        check(read(dataset, CAMERAS[0]))
     for shape in ([*SIZE, 1], [*SIZE], None):
         features[CAMERAS[0]] |= {"shape": shape, "names": None}
         edit_info(dataset, features=features)
@@ -145,7 +150,9 @@ def test_the_order_of_a_shape_is_that_of_its_names(dataset):
         ({"fps": 0}, "fps is 0; allowed: finite numbers above 0"),
         ({"fps": "10"}, "fps is '10'"),
         ({"fps": 20}, "lasts 0.4 s; allowed: 0.2 s, its 4 frames at 20 frames per second"),
-        ({"features": None}, "features is None"),
+        ({"fps": 10**400}, "allowed: finite numbers above 0"),
+        ({"features": None}, "features is of type NoneType; allowed: a JSON object"),
+        ({"features": {"action": [2]}}, "features: action is [2]; allowed: its dtype, shape and names"),
         ({"total_frames": 13}, "total_frames is 13; its episodes have 12 frames"),
         ({"total_episodes": 4}, "episode 3 is missing, but total_episodes in info.json is 4"),
         ({"total_episodes": 2}, "3 episodes are listed, but total_episodes in info.json is 2"),
