@@ -8,7 +8,7 @@ import numpy as np
 from graphrl_jax.cli.options import refuse_existing, refuse_useless
 from graphrl_jax.cli.requests import Import
 from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.perception.config import SIZED_FORMATS
+from graphrl_jax.perception.config import CAMERA_FORMATS, SIZED_FORMATS
 from graphrl_jax.perception.importers.convert import Source, demonstrations_of, track_recording
 from graphrl_jax.perception.importers.recording import resampled, same_rate
 from graphrl_jax.perception.model_detector import ultralytics
@@ -23,11 +23,13 @@ def run(request: Import) -> dict[str, Any]:
     """Carries the request out."""
     _check(request)
     task = make_task(request.task)
-    source = Source(request.source, request.format, request.size)
+    source = Source(request.source, request.format, request.size, request.camera)
     if source.format not in SIZED_FORMATS:
         refuse_useless(request, ["size"], f"with format {source.format}, whose files say it")
+    if source.format not in CAMERA_FORMATS:
+        refuse_useless(request, ["camera"], f"with format {source.format}, whose files have one view")
     detector = task.detector() if request.weights is None else ultralytics(request.weights, task.objects)
-    tracks, first, rates = [], None, set()
+    tracks, events, first, rates = [], [], None, set()
     with Progress() as progress:
         for read in source.recordings(task.objects):
             if read.frames is None:
@@ -35,13 +37,14 @@ def run(request: Import) -> dict[str, Any]:
             recording = resampled(read, request.frame_rate)
             boxes, mask, notes = track_recording(recording, task.objects, detector)
             tracks.append((boxes, mask, recording.success))
+            events.append(recording.events)
             first = recording.frames if first is None else first
             rates |= {recording.frame_rate} - {None}
             progress.note("; ".join([f"{recording.source}: {len(boxes)} frames", *recording.notes, *notes]))
     if request.overlay is not None and first is None:
         raise ValueError(f"--overlay {request.overlay}: the source has boxes alone, no images")
     rate = _frame_rate(request.frame_rate, rates, task.frame_rate)
-    demos = demonstrations_of(tracks, task.objects, rate, task.name, str(request.source))
+    demos = demonstrations_of(tracks, task.objects, rate, task.name, str(request.source), events)
     demos.save(request.out)
     if request.overlay is not None:
         write_video(overlay(first, demos.select([0]), PretrainHyper().tau), request.overlay, demos.frame_rate)

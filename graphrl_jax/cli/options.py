@@ -97,6 +97,39 @@ def refuse_useless(request: Any, names: Iterable[str], why: str) -> None:
             raise ValueError(f"--{option.replace('_', '-')} changes nothing {why}; leave it out")
 
 
+def refuse_other(request: Any, own: Mapping[str, Any], where: Path) -> None:
+    """Refuses options that were given and differ from what a run that is resumed has.
+
+    Args:
+      request: the request.
+      own: what the run has, by field of the request; fields that are groups have a mapping.
+      where: folder of the run.
+
+    Raises:
+      ValueError: see above.
+    """
+    usual = {field.name: field.default for field in dataclasses.fields(request)}
+    for name, has in own.items():
+        value = getattr(request, name)
+        if dataclasses.is_dataclass(value):
+            given = {f"{name}.{part}": (one, has[part]) for part, one in asked_for(value).items()}
+        else:
+            given = {} if value == usual[name] else {name: (value, has)}
+        for option, (asked, kept) in given.items():
+            if _text(asked) != _text(kept):
+                raise ValueError(
+                    f"--{option.replace('_', '-')} is {_text(asked)}, but {where} goes on with its own settings, "
+                    f"{_text(kept)}; leave it out"
+                )
+
+
+def _text(value: Any) -> str:
+    """A value as it is typed; JSON makes lists of tuples, and integers of some floats."""
+    if isinstance(value, list | tuple):
+        return " ".join(map(_text, value))
+    return f"{value:g}" if isinstance(value, int | float) and not isinstance(value, bool) else str(value)
+
+
 def refuse_existing(out: Path) -> None:
     """Refuses to overwrite a file.
 

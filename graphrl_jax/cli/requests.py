@@ -153,14 +153,16 @@ class Evaluate:
 
 @dataclass(frozen=True)
 class Import:
-    """Makes a demonstration file from recordings: videos, frames, MAGICAL's .pkl.gz, ready-made boxes or masks.
+    """Makes a demonstration file from recordings: videos, frames, datasets of robots, ready-made boxes or masks.
 
     Attributes:
-      source: file or folder; one demonstration per video, per sequence of frames or labels in a folder, per .pkl.gz.
+      source: file or folder; one demonstration per video, per sequence of frames or labels in a folder, per .pkl.gz,
+        per episode of a dataset.
       out: file to write (.npz); must not exist.
       task: registered task of the recordings.
       format: format of the source.
       size: width and height of the images, for corner files and labels in pixels that do not say it.
+      camera: camera of the dataset, such as observation.images.top; for lerobot and robomimic.
       frame_rate: frames per second; recordings of another rate are resampled to it.
       weights: weights of an Ultralytics model that finds the objects.
       overlay: video file to write, the first demonstration with boxes and names; moved objects are orange.
@@ -171,6 +173,7 @@ class Import:
     task: TaskName = "match_regions"
     format: Annotated[str | None, optional(f"{{{','.join(FORMATS)}}}", "told by the files")] = None
     size: Annotated[tuple[int, int] | None, optional("INT INT", "the source says it")] = None
+    camera: Annotated[str | None, optional("NAME", "the only one")] = None
     frame_rate: Annotated[float | None, optional("FLOAT", "the videos' own, else the task's")] = None
     weights: Annotated[Path | None, optional("PATH", "the task's own detector")] = None
     overlay: Annotated[Path | None, optional("PATH", "none is written")] = None

@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from graphrl_jax import runtime
-from graphrl_jax.cli.options import asked_for, refuse_useless
+from graphrl_jax.cli.options import asked_for, refuse_other, refuse_useless
 from graphrl_jax.cli.requests import Sweep
 from graphrl_jax.experiment import experiment, sweep
 from graphrl_jax.experiment.experiment import Extent
@@ -30,7 +30,7 @@ def run(request: Sweep) -> dict[str, Any]:
     """Carries the request out."""
     process_log = runtime.configure()
     _refuse_useless(request)
-    members, encoders_only = _resumed(request.out) if request.resume else _started(request)
+    members, encoders_only = _resumed(request) if request.resume else _started(request)
     task = make_task(members[0].settings.task, members[0].settings.engine)
     extent = Extent(policies=not encoders_only, videos=False, resumed=request.resume)
     folder = request.out if len(members) > 1 else None
@@ -53,9 +53,8 @@ def run(request: Sweep) -> dict[str, Any]:
 
 def _refuse_useless(request: Sweep) -> None:
     if request.resume:
-        own = {one.name for one in fields(request)} - {"out", "resume"}
-        refuse_useless(request, sorted(own), "with --resume, which goes on with the sweep's own settings")
-    elif request.reward == "env":
+        return
+    if request.reward == "env":
         refuse_useless(request, ["demos", "encoders_only"], "with --reward env, which learns no reward")
     if request.encoders_only:
         refuse_useless(request, ["updates", "ppo"], "with --encoders-only, which trains no policies")
@@ -96,8 +95,9 @@ def _values(request: Sweep) -> sweep.Values:
     return values
 
 
-def _resumed(out: Path) -> tuple[list[SweepMember], bool]:
-    members, asked = sweep.resume(out)
+def _resumed(request: Sweep) -> tuple[list[SweepMember], bool]:
+    members, asked = sweep.resume(request.out)
+    refuse_other(request, {name: value for name, value in asked.items() if name not in ("out", "resume")}, request.out)
     sweep.start_members(members)
     return members, asked["encoders_only"]
 

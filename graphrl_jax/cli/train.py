@@ -1,11 +1,11 @@
 """`graphrl train`: a whole run; see `requests.Train`."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from graphrl_jax import runtime
-from graphrl_jax.cli.options import asked_for, refuse_useless
+from graphrl_jax.cli.options import asked_for, refuse_other, refuse_useless
 from graphrl_jax.cli.requests import Train
 from graphrl_jax.experiment import experiment, sharding
 from graphrl_jax.experiment.experiment import Extent, Member
@@ -37,8 +37,7 @@ def _refuse_useless(request: Train) -> None:
     if request.coordinator is None and request.processes == 1:
         refuse_useless(request, ["process"], "without --processes above 1")
     if request.resume:
-        own = {one.name for one in fields(request)} - {"out", "resume", "coordinator", "processes", "process"}
-        refuse_useless(request, sorted(own), "with --resume, which goes on with the run's own settings")
+        refuse_useless(request, ["ablate"], "with --resume, which goes on with the run's own settings")
     elif request.reward == "env":
         refuse_useless(request, ["demos"], "with --reward env, which learns no reward")
 
@@ -79,4 +78,9 @@ def _resumed(request: Train) -> Member:
     if request.out is None:
         raise ValueError("--resume needs --out: the folder of the run to continue")
     run = Run(request.out)
-    return Member(run, run.settings())
+    settings = run.settings()
+    own = {name: getattr(settings, name) for name in ("task", "reward", "preset", "demos", "seed", "updates", "engine")}
+    own["pretrain"] = vars(settings.pretrain) | vars(settings.pretrain_config)
+    own["ppo"] = vars(settings.ppo) | vars(settings.ppo_config)
+    refuse_other(request, own, run.path)
+    return Member(run, settings)

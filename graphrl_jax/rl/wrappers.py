@@ -28,7 +28,7 @@ _BETTER = 0.01
 _NO_REWARD = float(np.finfo(np.float32).min)
 
 # Observations and rewards beyond this come from physics that is about to turn NaN, and would spoil running statistics.
-_MOST = 1e6
+_MOST = 1e4
 
 
 class _Wrapper(Wrapper):

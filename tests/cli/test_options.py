@@ -6,9 +6,12 @@ from pathlib import Path
 import pytest
 
 from graphrl_jax import cli
-from graphrl_jax.cli.options import asked_for, field_help, overrides, refuse_existing, refuse_seeds
+from graphrl_jax.cli.options import asked_for, field_help, overrides, refuse_existing, refuse_other, refuse_seeds
 from graphrl_jax.cli.requests import Demos, Sweep, Train
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.experiment.settings import compose
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
+from graphrl_jax.registry import make_task
 from graphrl_jax.rl.config import PPOConfig, PPOHyper
 from tests.helpers.commands import rejected
 
@@ -50,11 +53,9 @@ def test_a_seed_out_of_range_is_one_sentence_and_leaves_nothing(capsys, tmp_path
 @pytest.mark.parametrize(
     "arguments, message",
     [
-        (["train", "--resume", "--updates", 9], "--updates changes nothing with --resume, which goes on with"),
-        (["train", "--resume", "--ppo.clip", 0.1], "--ppo.clip changes nothing with --resume"),
+        (["train", "--resume", "--ablate", "edges"], "--ablate changes nothing with --resume, which goes on with"),
         (["train", "--reward", "env", "--demos", "d.npz"], "--demos changes nothing with --reward env"),
         (["train", "--process", 1], "--process changes nothing without --processes above 1"),
-        (["sweep", "--resume", "--seeds", 2], "--seeds changes nothing with --resume"),
         (["sweep", "--reward", "env", "--encoders-only"], "--encoders-only changes nothing with --reward env"),
         (["sweep", "--encoders-only", "--updates", 3], "--updates changes nothing with --encoders-only"),
         (["sweep", "--encoders-only", "--ppo.discount", 0.5], "--ppo.discount changes nothing with --encoders-only"),
@@ -65,6 +66,20 @@ def test_a_seed_out_of_range_is_one_sentence_and_leaves_nothing(capsys, tmp_path
 def test_options_that_change_nothing_are_refused(capsys, tmp_path, arguments, message):
     assert message in rejected(capsys, [*arguments, "--out", tmp_path / "out"], main=cli.main)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_resumed_run_is_not_asked_for_other_settings(capsys, outside_package, tmp_path):
+    task = make_task("carry")
+    Run.start(tmp_path / "run", compose(task, preset="smoke", ppo={"clip": 0.1}))
+    for option, value, kept in (("--updates", 9, 4), ("--ppo.clip", 0.2, 0.1), ("--task", "shoes_in_box", "carry")):
+        arguments = ["train", "--resume", option, value, "--out", tmp_path / "run"]
+        message = f"{option} is {value}, but {tmp_path}/run goes on with its own settings, {kept}; leave it out"
+        assert message in rejected(capsys, arguments, main=cli.main)
+    request = Train(task="carry", updates=4, seed=0, out=tmp_path / "run", resume=True)
+    refuse_other(request, {"task": "carry", "updates": 4, "seed": 0}, tmp_path)
+    sweep = Sweep(tmp_path, alphas="1,2", seeds=2, resume=True)
+    with pytest.raises(ValueError, match="--seeds is 2, but .* goes on with its own settings, 3; leave it out"):
+        refuse_other(sweep, {"alphas": "1,2", "seeds": 3, "ppo": {}}, tmp_path)
 
 
 def test_all_seeds_of_a_sweep_are_in_range():

@@ -1,5 +1,6 @@
 """Conversion of recordings to demonstrations: detection, tracking, padding."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -10,7 +11,19 @@ from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.perception.config import FORMATS
 from graphrl_jax.perception.detector import Detector
-from graphrl_jax.perception.importers import coco, cvat, images, label_studio, labels, magical, masks, mot, videos
+from graphrl_jax.perception.importers import (
+    coco,
+    cvat,
+    images,
+    label_studio,
+    labels,
+    lerobot,
+    magical,
+    masks,
+    mot,
+    robomimic,
+    videos,
+)
 from graphrl_jax.perception.importers.recording import ImportFailure, Recording, Recordings, files_of
 from graphrl_jax.perception.tracking import assign, bridge
 
@@ -25,9 +38,11 @@ ENDINGS: dict[str, tuple[str, ...]] = {
     "mot": (".txt",),
     "label_studio": (".json",),
     "masks": (".png",),
+    "lerobot": ("info.json",),
+    "robomimic": (".hdf5", ".h5"),
 }
-_READY = ("coco", "yolo", "cvat", "mot", "label_studio", "masks")
-"""Formats of labels, which are read instead of images beside them."""
+_READY = ("coco", "yolo", "cvat", "mot", "label_studio", "masks", "lerobot")
+"""Formats of files that say what the images or videos beside them hold."""
 
 
 @dataclass(frozen=True)
@@ -38,6 +53,7 @@ class Source:
       path: file or folder.
       format: one of `FORMATS`, or None to infer it from the files.
       size: width and height of the images, which corner files do not contain and other labels may lack.
+      camera: camera to read of a LeRobotDataset or of robomimic's files; None takes the only one.
 
     Raises:
       ImportFailure: the path is missing, the format is unknown or cannot be inferred, or the size is missing or 0.
@@ -46,6 +62,7 @@ class Source:
     path: Path
     format: str | None = None
     size: tuple[int, int] | None = None
+    camera: str | None = None
 
     def __post_init__(self) -> None:
         if not self.path.exists():
@@ -83,6 +100,10 @@ class Source:
                 return label_studio.read_label_studio(files, objects.class_names, self.size)
             case "masks":
                 return masks.read_masks(files, self.path, objects)
+            case "lerobot":
+                return lerobot.read_lerobot(files, self.camera)
+            case "robomimic":
+                return robomimic.read_robomimic(files, self.camera)
         assert self.size is not None
         read = labels.corner_line(objects.class_ids, self.size)
         return labels.read_label_folders(files, lambda _: read)
@@ -107,6 +128,8 @@ def _of_format(name: str, files: list[Path]) -> list[Path]:
             return masks.mask_files(files)
         case "frames":
             return masks.without_masks(files)
+        case "lerobot":
+            return lerobot.info_files(files)
     return files
 
 
@@ -166,9 +189,22 @@ def track_recording(
 
 
 def demonstrations_of(
-    tracks: list[tuple[np.ndarray, np.ndarray, bool]], objects: ObjectTable, frame_rate: float, task: str, source: str
+    tracks: list[tuple[np.ndarray, np.ndarray, bool]],
+    objects: ObjectTable,
+    frame_rate: float,
+    task: str,
+    source: str,
+    events: Sequence[Mapping[str, int] | None] = (),
 ) -> Demonstrations:
     """Demonstrations from tracks (boxes (T_b, N, 4), mask (T_b, N), success) of any lengths, padded to the longest.
+
+    Args:
+      tracks: one per demonstration.
+      objects: the object table, of N slots.
+      frame_rate: frames per second.
+      task: the task's registered name.
+      source: origin of the demonstrations.
+      events: frames of the true events of each demonstration by name; left out if those of one are unknown.
 
     Raises:
       ImportFailure: there are no tracks.
@@ -176,6 +212,8 @@ def demonstrations_of(
     if not tracks:
         raise ImportFailure(f"{source} holds no demonstrations")
     longest = max(len(boxes) for boxes, _, _ in tracks)
+
+    names, frames = _event_frames(events, len(tracks))
 
     def padded(values: np.ndarray) -> np.ndarray:
         return np.pad(values, [(0, longest - len(values))] + [(0, 0)] * (values.ndim - 1))
@@ -189,4 +227,15 @@ def demonstrations_of(
         frame_rate=frame_rate,
         source=source,
         task=task,
+        events=frames,
+        event_names=names,
     )
+
+
+def _event_frames(events: Sequence[Mapping[str, int] | None], count: int) -> tuple[tuple[str, ...], np.ndarray | None]:
+    """Names of all events, and the frame of each in each demonstration, -1 for never: (E,) and (B, E) int32."""
+    known = [one for one in events if one is not None]
+    names = tuple(dict.fromkeys(name for one in known for name in one))
+    if not names or len(known) < count:
+        return (), None
+    return names, np.array([[one.get(name, -1) for name in names] for one in known], np.int32)

@@ -3,7 +3,7 @@
 import codecs
 import os
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from fnmatch import fnmatch
 from pathlib import Path, PurePath
@@ -34,6 +34,7 @@ class Recording:
       success: whether it reached the goal.
       frame_rate: frames per second, or None if the source does not contain it.
       notes: what was done to the recording.
+      events: frame of each true event by name, or None if the source does not say it.
     """
 
     source: Path
@@ -42,6 +43,7 @@ class Recording:
     success: bool = True
     frame_rate: float | None = None
     notes: tuple[str, ...] = ()
+    events: Mapping[str, int] | None = None
 
 
 Recordings = Iterator[Recording]
@@ -60,12 +62,16 @@ def resampled(recording: Recording, frame_rate: float | None) -> Recording:
     if own is None or frame_rate is None or not length or same_rate(own, frame_rate):
         return recording
     shown = frames_shown(np.arange(length) / own, length / own, frame_rate)
+    events = recording.events
+    if events is not None:  # an event is at the first frame shown that is not before it
+        events = {name: min(int(np.searchsorted(shown, at)), len(shown) - 1) for name, at in events.items()}
     return replace(
         recording,
         frames=None if frames is None else frames[shown],
         detections=None if found is None else [found[index] for index in shown],
         frame_rate=frame_rate,
         notes=(*recording.notes, f"resampled from {own:g} to {frame_rate:g} frames per second"),
+        events=events,
     )
 
 

@@ -109,8 +109,7 @@ def _decoded(path: Path) -> tuple[bytes, _Report]:
         )
     unit = re.search(r"config in time_base: (\d+)/(\d+), frame_rate: (\d+)/(\d+)", text)
     if unit is None or not shown:
-        said = [re.sub(r"^\[.*?\] ", "", line) for line in text.splitlines() if re.search("rror|nvalid", line)]
-        raise ImportFailure(f"{path}: no video that can be read: {said[0] if said else 'no frames'}")
+        raise ImportFailure(f"{path}: no video that can be read: {complaint(text)}")
     second = int(unit[2]) / int(unit[1])
     first, (start, last, width, height) = int(shown[0][0]), shown[-1]
     return done.stdout, _Report(
@@ -121,6 +120,12 @@ def _decoded(path: Path) -> tuple[bytes, _Report]:
         reached=_clock(r"time=(\d+):(\d+):([\d.]+)", text),
         frame_rate=int(unit[3]) / max(int(unit[4]), 1),
     )
+
+
+def complaint(text: str) -> str:
+    """What ffmpeg's log says is wrong."""
+    said = [re.sub(r"^\[.*?\] ", "", line) for line in text.splitlines() if re.search("rror|nvalid", line)]
+    return said[0] if said else "no frames"
 
 
 def _clock(pattern: str, text: str) -> float:

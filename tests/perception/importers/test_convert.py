@@ -184,5 +184,15 @@ def test_tracks_are_padded_to_the_longest():
     np.testing.assert_array_equal(demos.success, [False, True])
     assert demos.boxes.shape == (2, 3, 4, 4) and not demos.mask[0, 2].any() and demos.mask[1].all()
     assert (demos.frame_rate, demos.task, demos.source) == (8.0, "carry", "here")
+    assert demos.events is None and demos.event_names == ()
     with pytest.raises(ImportFailure, match="here holds no demonstrations"):
         demonstrations_of([], OBJECTS, 8.0, "carry", "here")
+
+
+def test_events_are_those_of_all_demonstrations():
+    tracks = [(np.full((5, 4, 4), 0.1, np.float32), np.ones((5, 4), bool), True)] * 2
+    demos = demonstrations_of(tracks, OBJECTS, 8.0, "carry", "here", [{"a": 2, "b": 4}, {"b": 1, "c": 3}])
+    assert demos.event_names == ("a", "b", "c")
+    np.testing.assert_array_equal(demos.events, [[2, 4, -1], [-1, 1, 3]])
+    for events in ([{"a": 2}, None], [None, None], [{}, {}], [{"a": 2}]):
+        assert demonstrations_of(tracks, OBJECTS, 8.0, "carry", "here", events).events is None

@@ -105,3 +105,10 @@ def test_a_frame_is_shown_until_the_next_begins():
     times = np.array([0.0, 0.125, 0.25, 1.0, 1.125])
     np.testing.assert_array_equal(frames_shown(times, 1.25, 8.0), [0, 1, 2, 2, 2, 2, 2, 2, 3, 4])
     np.testing.assert_array_equal(frames_shown(np.zeros(1), 0.01, 8.0), [0])
+
+
+@pytest.mark.parametrize("rate, expected", [(4.0, {"a": 0, "b": 2, "c": 3}), (16.0, {"a": 0, "b": 6, "c": 14})])
+def test_events_stay_at_their_time(rate, expected):
+    recording = Recording(Path("a"), np.zeros((8, 1, 1, 3), np.uint8), frame_rate=8.0, events={"a": 0, "b": 3, "c": 7})
+    assert resampled(recording, rate).events == expected
+    assert resampled(recording, 8.0).events == recording.events
