@@ -88,7 +88,7 @@ def _number(path: Path, draw: Draw) -> None:
     """Replaces a number in a text, or a byte where there is none."""
     data = path.read_bytes()
     found = list(_NUMBER.finditer(data))
-    if not found or path.suffix not in (".json", ".txt", ".yaml"):
+    if not found or path.suffix not in (".json", ".txt", ".yaml", ".xml", ".ini"):
         return _bytes(path, draw)
     one = found[int(draw.integers(len(found)))]
     path.write_bytes(data[: one.start()] + _NUMBERS[int(draw.integers(len(_NUMBERS)))] + data[one.end() :])
@@ -114,7 +114,7 @@ def _structure(path: Path, draw: Draw) -> None:
             case _:
                 owner[f"{key}s"] = owner[key]
         path.write_text(json.dumps(content))
-    elif path.suffix in (".txt", ".yaml"):
+    elif path.suffix in (".txt", ".yaml", ".xml", ".ini"):
         lines = text.split(b"\n")
         place = int(draw.integers(len(lines)))
         lines[place : place + 1] = [[], [lines[place]] * 2, [b" ".join(lines)]][int(draw.integers(3))]
