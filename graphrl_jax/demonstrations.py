@@ -1,5 +1,6 @@
 """Demonstrations and their file format. Plain numpy, host only."""
 
+import math
 import zipfile
 import zlib
 from collections.abc import Sequence
@@ -14,6 +15,7 @@ from graphrl_jax.storage import write_arrays
 
 VERSION = 1
 BOX_RANGE = (-0.5, 1.5)
+_MOST_FRAMES = 500_000
 
 _TABLE_FIELDS = ("names", "class_ids", "is_robot", "class_names")
 _REQUIRED = ("boxes", "mask", "lengths", "success", *_TABLE_FIELDS, "frame_rate", "source", "task")
@@ -122,8 +124,17 @@ class Demonstrations:
 
         Boxes are interpolated in time where the object is seen in both frames around; masks, other boxes and images are
         the nearest frame's.
+
+        Raises:
+          DemonstrationError: a demonstration would have more frames than any recording.
         """
         ratio = self.frame_rate / frame_rate
+        longest = math.ceil((int(self.lengths.max()) - 1) / ratio) + 1
+        if longest > _MOST_FRAMES:
+            raise DemonstrationError(
+                f"a demonstration at {self.frame_rate:g} frames per second has {longest} frames at {frame_rate:g}; "
+                f"allowed: up to {_MOST_FRAMES}"
+            )
         lengths = np.ceil((self.lengths - 1) / ratio).astype(np.int32) + 1
         times = np.minimum(np.arange(lengths.max()) * ratio, self.lengths[:, None] - 1)
         before, nearest = np.floor(times).astype(int), np.round(times).astype(int)

@@ -265,6 +265,11 @@ def test_resampling_interpolates_only_between_frames_that_show_the_object():
     np.testing.assert_array_equal(found.events, [[2], [-1]])
 
 
+def test_a_demonstration_of_endless_frames_is_refused():
+    with pytest.raises(DemonstrationError, match="at 1e-06 frames per second has 32000001 frames at 8; allowed: up to"):
+        replace(moving(8.0, 0.5), frame_rate=1e-6).resampled(8.0)
+
+
 def test_images_are_the_frames_and_of_one_size():
     demos = replace(PLAIN, frames=np.zeros((4, 10, 6, 6, 3), np.uint8))
     assert demos.images(6) is demos.frames

@@ -21,6 +21,7 @@ from graphrl_jax.cli.options import refuse_seeds
 COMMANDS: dict[str, tuple[type, str]] = {
     "train": (requests.Train, "train"),
     "demos": (requests.Demos, "demos"),
+    "objects": (requests.Objects, "objects"),
     "import": (requests.Import, "import_recordings"),
     "pretrain": (requests.Pretrain, "pretrain"),
     "evaluate": (requests.Evaluate, "evaluate"),

@@ -12,6 +12,7 @@ from graphrl_jax.perception.config import CAMERA_FORMATS, SIZED_FORMATS
 from graphrl_jax.perception.importers.convert import Source, demonstrations_of, track_recording
 from graphrl_jax.perception.importers.recording import resampled, same_rate
 from graphrl_jax.perception.model_detector import ultralytics
+from graphrl_jax.perception.objects_file import read_objects
 from graphrl_jax.pretrain.config import PretrainHyper
 from graphrl_jax.progress import Progress
 from graphrl_jax.registry import make_task
@@ -22,7 +23,8 @@ from graphrl_jax.viz.video import write_video
 def run(request: Import) -> dict[str, Any]:
     """Carries the request out."""
     _check(request)
-    task = make_task(request.task)
+    recorded = None if request.objects is None else read_objects(request.objects)
+    task = recorded or make_task(request.task)
     source = Source(request.source, request.format, request.size, request.camera)
     if source.format not in SIZED_FORMATS:
         refuse_useless(request, ["size"], f"with format {source.format}, whose files say it")
@@ -34,7 +36,7 @@ def run(request: Import) -> dict[str, Any]:
         for read in source.recordings(task.objects):
             if read.frames is None:
                 refuse_useless(request, ["weights"], "where the source has boxes, no images")
-            recording = resampled(read, request.frame_rate)
+            recording = resampled(read, request.frame_rate or (recorded and recorded.frame_rate))
             boxes, mask, notes = track_recording(recording, task.objects, detector)
             tracks.append((boxes, mask, recording.success))
             events.append(recording.events)
@@ -54,6 +56,8 @@ def run(request: Import) -> dict[str, Any]:
 def _check(request: Import) -> None:
     """Checks the request before anything is read."""
     refuse_existing(request.out)
+    if request.objects is not None:
+        refuse_useless(request, ["task"], "with --objects, which say what the task's objects are")
     if request.overlay is not None and (request.overlay.suffix != ".mp4" or request.overlay.exists()):
         raise ValueError(f"--overlay {request.overlay} must end in .mp4 and not exist yet")
     if request.frame_rate is not None and not 0 < request.frame_rate < math.inf:

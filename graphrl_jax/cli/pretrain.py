@@ -8,18 +8,18 @@ from graphrl_jax.cli.requests import Pretrain
 from graphrl_jax.experiment.audit import audit_reward
 from graphrl_jax.experiment.environments import refuse_undrawn
 from graphrl_jax.experiment.experiment import given_demonstrations
+from graphrl_jax.experiment.recorded import RecordedTask, task_of
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import as_json, compose
 from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
 from graphrl_jax.progress import Progress
-from graphrl_jax.registry import make_task
 from graphrl_jax.storage import write_json
 
 
 def run(request: Pretrain) -> dict[str, Any]:
     """Carries the request out."""
     runtime.configure()
-    task = make_task(demonstrations.load(request.demos).task)
+    task = task_of(demonstrations.load(request.demos))
     settings = compose(
         task,
         request.reward,
@@ -36,7 +36,9 @@ def run(request: Pretrain) -> dict[str, Any]:
     job = EncoderJob(folder, demos, settings.pretrain, settings.seed)
     with Progress() as progress:
         ((model, metrics),) = train_encoders([job], settings.pretrain_config, progress)
-        metrics |= audit_reward(job, task, model)
+        # Rearrangements of what the encoder has seen would say too little.
+        audited = RecordedTask(job.split[1]) if isinstance(task, RecordedTask) else task
+        metrics |= audit_reward(job, audited, model)
         model.save(folder.path, metrics)
     write_json(folder.path / "summary.json", {**metrics, "versions": runtime.versions(), "device": runtime.device()})
     return {"out": str(folder.path), **{name: value for name, value in metrics.items() if isinstance(value, float)}}

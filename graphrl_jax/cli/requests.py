@@ -160,6 +160,7 @@ class Import:
         per episode of a dataset.
       out: file to write (.npz); must not exist.
       task: registered task of the recordings.
+      objects: file of objects (.toml), for a task that is not registered; `graphrl objects` writes one.
       format: format of the source.
       size: width and height of the images, for corner files and labels in pixels that do not say it.
       camera: camera of the dataset, such as observation.images.top; for lerobot and robomimic.
@@ -171,12 +172,26 @@ class Import:
     source: tyro.conf.Positional[Path]
     out: Path
     task: TaskName = "match_regions"
+    objects: Annotated[Path | None, optional("PATH", "the task's")] = None
     format: Annotated[str | None, optional(f"{{{','.join(FORMATS)}}}", "told by the files")] = None
     size: Annotated[tuple[int, int] | None, optional("INT INT", "the source says it")] = None
     camera: Annotated[str | None, optional("NAME", "the only one")] = None
     frame_rate: Annotated[float | None, optional("FLOAT", "the videos' own, else the task's")] = None
     weights: Annotated[Path | None, optional("PATH", "the task's own detector")] = None
     overlay: Annotated[Path | None, optional("PATH", "none is written")] = None
+
+
+@dataclass(frozen=True)
+class Objects:
+    """Writes a file of objects (.toml) to fill in, for recordings of a task that is not registered.
+
+    Attributes:
+      out: file to write; must not exist.
+      labels: labels of the objects, as the detector or the labels call them.
+    """
+
+    out: Path
+    labels: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[STR ...]")] = ()
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,8 @@ def audit_reward(job: EncoderJob, task: Task, model: RewardModel) -> dict[str, A
       subtasks, the metrics of the subtasks of held-out successes, None without true events.
     """
     report = audit(model, audit_scenes(task, job.seed), image_drawer(task, model))
-    plots.landscape(report, job.run.figures / "landscape.png")
+    if report.grids:
+        plots.landscape(report, job.run.figures / "landscape.png")
     unseen, held_out = job.unseen, job.split[1]
     rewards = np.asarray(demonstration_rewards(model, unseen))
     plots.reward_over_time(

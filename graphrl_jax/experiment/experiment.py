@@ -23,6 +23,7 @@ from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import Settings
 from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
 from graphrl_jax.experiment.train_policy import PolicyJob, train_policies
+from graphrl_jax.graph import ObjectTable
 from graphrl_jax.pretrain.config import PretrainHyper
 from graphrl_jax.progress import Progress
 from graphrl_jax.reward.card import MODEL, Card, read_card, write_card
@@ -131,18 +132,24 @@ def run(
     return summaries
 
 
-def load_demonstrations(path: str | Path, task: Task) -> Demonstrations:
-    """Loads a demonstration file of a task; one at another frame rate than the task's is resampled.
+def load_demonstrations(path: str | Path, objects: ObjectTable, frame_rate: float, task: str) -> Demonstrations:
+    """Loads a demonstration file; one at another frame rate is resampled.
+
+    Args:
+      path: the file.
+      objects: the objects that it should have.
+      frame_rate: frames per second.
+      task: name of the task, for messages.
 
     Raises:
       DemonstrationError: the file is not a demonstration file, or has other objects.
     """
     loaded = demonstration_files.load(path)
-    for field in fields(task.objects):
-        found, expected = getattr(loaded.objects, field.name), getattr(task.objects, field.name)
+    for field in fields(objects):
+        found, expected = getattr(loaded.objects, field.name), getattr(objects, field.name)
         if found != expected:
-            raise DemonstrationError(f"{path}: {field.name} is {found}, but task {task.name} has {expected}")
-    return loaded if loaded.frame_rate == task.frame_rate else loaded.resampled(task.frame_rate)
+            raise DemonstrationError(f"{path}: {field.name} is {found}, but task {task} has {expected}")
+    return loaded if loaded.frame_rate == frame_rate else loaded.resampled(frame_rate)
 
 
 def given_demonstrations(task: Task, settings: Settings) -> Demonstrations:
@@ -153,7 +160,7 @@ def given_demonstrations(task: Task, settings: Settings) -> Demonstrations:
         of a single frame, or lacks the required images.
     """
     assert settings.demos is not None
-    loaded = load_demonstrations(settings.demos, task)
+    loaded = load_demonstrations(settings.demos, task.objects, task.frame_rate, task.name)
     successes, single = int(loaded.success.sum()), loaded.lengths < 2
     if successes < LEAST_SUCCESSES:
         raise DemonstrationError(

@@ -113,7 +113,7 @@ class LandscapeReport:
       grids: one report per grid.
       pair_accuracy: share of pairs of random scenes that the reward orders as the true distance does.
       finished_above_unfinished: share of (finished, unfinished) pairs in which the finished scene has more reward.
-      maxima_inside: share of grids with the largest reward inside the goal.
+      maxima_inside: share of grids with the largest reward inside the goal; None without grids.
       within_above_beside: share of scenes with more reward for a target inside the goal than just outside it, all else
         equal; where this fails, a policy leaves targets on the edge.
       bump_bonus: mean reward that a random scene gains if all its movable objects count as moved. It is what a policy
@@ -123,18 +123,19 @@ class LandscapeReport:
     grids: tuple[GridReport, ...]
     pair_accuracy: float
     finished_above_unfinished: float
-    maxima_inside: float
+    maxima_inside: float | None
     within_above_beside: float
     bump_bonus: float
 
     def metrics(self) -> dict[str, float]:
-        """The four shares and the bonus by name."""
+        """The four shares and the bonus by name; without grids, three shares."""
+        inside = {} if self.maxima_inside is None else {"maxima_inside": self.maxima_inside}
         return {
             "within_above_beside": self.within_above_beside,
             "bump_bonus": self.bump_bonus,
             "pair_accuracy": self.pair_accuracy,
             "finished_above_unfinished": self.finished_above_unfinished,
-            "maxima_inside": self.maxima_inside,
+            **inside,
         }
 
 
@@ -166,7 +167,7 @@ def audit(model: RewardModel, landscape: Landscape, draw_image: DrawImage | None
         grids=grids,
         pair_accuracy=pair_accuracy(random, -landscape.random_distance),
         finished_above_unfinished=share_above(finished, unfinished),
-        maxima_inside=float(np.mean([grid.maximum_inside for grid in grids])),
+        maxima_inside=float(np.mean([grid.maximum_inside for grid in grids])) if grids else None,
         within_above_beside=float(np.mean(within > beside)),
         bump_bonus=float(np.mean(bumped - random)),
     )

@@ -25,7 +25,7 @@ def test_an_encoder_alone_is_trained_and_audited(demos_file, tmp_path):
     assert set(summary["trajectory_scores"]["by_kind"]) == {"success", "idle"}
     assert (out / "figures" / "landscape.png").exists()
     model = RewardModel.load(out)
-    assert (model.card.task, model.card.demonstrations) == ("carry", 5)
+    assert (model.card.task, model.card.demonstrations) == ("carry", 4)
     assert "| pair_accuracy |" in (out / "README.md").read_text()
     assert summary["discrimination"]["failures"] == 2 and 0 <= summary["discrimination"]["auroc"] <= 1
     assert json.loads((out / "subtasks.json").read_text())["judged"] == summary["subtasks"]

@@ -119,7 +119,7 @@ def test_demonstrations_of_other_objects_are_refused_by_the_field_that_differs(t
     replace(demos, objects=replace(demos.objects, **{field: values})).save(tmp_path / "demos.npz")
     expected = getattr(task.objects, field)
     with pytest.raises(DemonstrationError) as refused:
-        experiment.load_demonstrations(tmp_path / "demos.npz", task)
+        experiment.load_demonstrations(tmp_path / "demos.npz", task.objects, task.frame_rate, task.name)
     assert f"demos.npz: {field} is {values}, but task carry has {expected}" in str(refused.value)
 
 

@@ -7,11 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from graphrl_jax.perception.detector import Detection
-from graphrl_jax.perception.importers.recording import ImportFailure
+from graphrl_jax.perception.importers.recording import MOST_FRAMES, ImportFailure
 from graphrl_jax.perception.importers.values import whole
-
-MOST_FRAMES = 500_000
-"""Longest recording of labels, in frames: more than four hours at 30 frames per second."""
 
 
 class KeyFrame(NamedTuple):

@@ -171,9 +171,11 @@ def _in_order(rows: Sequence[dict[str, Any]], info: Info) -> list[dict[str, Any]
         if index in by_index:
             raise ImportFailure(f"{info.folder / 'meta'}: episode {index} is listed twice; allowed: once")
         by_index[index] = row
-    missing = set(range(info.num_episodes)) - by_index.keys()
+    # Not a range of all episodes: their number is what the file says, however large.
+    first_missing = next(index for index in range(len(by_index) + 1) if index not in by_index)
+    missing = first_missing < info.num_episodes
     if missing or len(by_index) > info.num_episodes:
-        which = f"episode {min(missing)} is missing" if missing else f"{len(by_index)} episodes are listed"
+        which = f"episode {first_missing} is missing" if missing else f"{len(by_index)} episodes are listed"
         raise ImportFailure(f"{info.folder / 'meta'}: {which}, but total_episodes in info.json is {info.num_episodes}")
     return [by_index[index] for index in sorted(by_index)]
 

@@ -13,8 +13,8 @@ import numpy as np
 from graphrl_jax.perception.detector import Detection
 from graphrl_jax.perception.importers.boxes import checked_box, checked_confidence, image_size
 from graphrl_jax.perception.importers.class_names import class_id, lines_of_names, numbered_names
-from graphrl_jax.perception.importers.key_frames import MOST_FRAMES, by_frame, checked_length
-from graphrl_jax.perception.importers.recording import ImportFailure, Recording, Recordings, read_text
+from graphrl_jax.perception.importers.key_frames import by_frame, checked_length
+from graphrl_jax.perception.importers.recording import MOST_FRAMES, ImportFailure, Recording, Recordings, read_text
 from graphrl_jax.perception.importers.values import text_number, whole
 
 _TRUTH, _DETECTED = "gt.txt", "det.txt"

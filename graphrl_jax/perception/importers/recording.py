@@ -46,6 +46,8 @@ class Recording:
     events: Mapping[str, int] | None = None
 
 
+MOST_FRAMES = 500_000
+"""Of a recording; files that say more are taken for damaged."""
 Recordings = Iterator[Recording]
 """Recordings one at a time, so that a folder of videos need not fit into memory."""
 
@@ -83,7 +85,12 @@ def frames_shown(times: np.ndarray, duration: float, frame_rate: float) -> np.nd
       duration: seconds until the last frame ends.
       frame_rate: frames per second.
     """
-    instants = np.arange(max(1, round(duration * frame_rate))) / frame_rate
+    count = duration * frame_rate
+    if not count <= MOST_FRAMES:
+        raise ImportFailure(
+            f"{duration:g} s are {count:.4g} frames at {frame_rate:g} per second; allowed: up to {MOST_FRAMES} frames"
+        )
+    instants = np.arange(max(1, round(count))) / frame_rate
     # Times are rounded, so a frame may begin a little after its instant.
     return np.searchsorted(times, instants + 0.1 / frame_rate, side="right") - 1
 

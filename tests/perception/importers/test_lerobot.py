@@ -155,6 +155,7 @@ def test_the_order_of_a_shape_is_that_of_its_names(dataset):
         ({"features": {"action": [2]}}, "features: action is [2]; allowed: its dtype, shape and names"),
         ({"total_frames": 13}, "total_frames is 13; its episodes have 12 frames"),
         ({"total_episodes": 4}, "episode 3 is missing, but total_episodes in info.json is 4"),
+        ({"total_episodes": 10**15}, "episode 3 is missing, but total_episodes in info.json is 1000000000000000"),
         ({"total_episodes": 2}, "3 episodes are listed, but total_episodes in info.json is 2"),
         ({"total_episodes": True}, "total_episodes is True; allowed: whole numbers from 0"),
         ({"chunks_size": 0}, "chunks_size is 0; allowed: whole numbers from 1"),

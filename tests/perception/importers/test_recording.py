@@ -112,3 +112,10 @@ def test_events_stay_at_their_time(rate, expected):
     recording = Recording(Path("a"), np.zeros((8, 1, 1, 3), np.uint8), frame_rate=8.0, events={"a": 0, "b": 3, "c": 7})
     assert resampled(recording, rate).events == expected
     assert resampled(recording, 8.0).events == recording.events
+
+
+def test_a_recording_of_endless_frames_is_refused():
+    with pytest.raises(
+        ImportFailure, match=r"1e\+06 s are 8e\+06 frames at 8 per second; allowed: up to 500000 frames"
+    ):
+        frames_shown(np.array([0.0, 1.0]), 1e6, 8.0)
