@@ -26,6 +26,7 @@ COMMANDS: dict[str, tuple[type, str]] = {
     "pretrain": (requests.Pretrain, "pretrain"),
     "evaluate": (requests.Evaluate, "evaluate"),
     "stages": (requests.Stages, "stages"),
+    "score": (requests.Score, "score"),
     "sweep": (requests.Sweep, "sweep"),
 }
 """By name: the request class, and the module in this package with the `run` function of the command."""

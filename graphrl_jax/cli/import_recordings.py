@@ -9,8 +9,8 @@ from graphrl_jax.cli.options import refuse_existing, refuse_useless
 from graphrl_jax.cli.requests import Import
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.perception.config import CAMERA_FORMATS, SIZED_FORMATS
-from graphrl_jax.perception.importers.convert import Source, demonstrations_of, track_recording
-from graphrl_jax.perception.importers.recording import resampled, same_rate
+from graphrl_jax.perception.importers.convert import Source, demonstrations_of, tracks_of
+from graphrl_jax.perception.importers.recording import same_rate
 from graphrl_jax.perception.model_detector import ultralytics
 from graphrl_jax.perception.objects_file import read_objects
 from graphrl_jax.pretrain.config import PretrainHyper
@@ -33,16 +33,18 @@ def run(request: Import) -> dict[str, Any]:
     detector = task.detector() if request.weights is None else ultralytics(request.weights, task.objects)
     tracks, events, first, rates = [], [], None, set()
     with Progress() as progress:
-        for read in source.recordings(task.objects):
-            if read.frames is None:
+        for track in tracks_of(
+            source, task.objects, detector, request.frame_rate or (recorded and recorded.frame_rate)
+        ):
+            recording = track.recording
+            if recording.frames is None:
                 refuse_useless(request, ["weights"], "where the source has boxes, no images")
-            recording = resampled(read, request.frame_rate or (recorded and recorded.frame_rate))
-            boxes, mask, notes = track_recording(recording, task.objects, detector)
-            tracks.append((boxes, mask, recording.success))
+            tracks.append((track.boxes, track.mask, recording.success))
             events.append(recording.events)
             first = recording.frames if first is None else first
             rates |= {recording.frame_rate} - {None}
-            progress.note("; ".join([f"{recording.source}: {len(boxes)} frames", *recording.notes, *notes]))
+            read = f"{recording.source}: {len(track.mask)} frames"
+            progress.note("; ".join([read, *recording.notes, *track.notes]))
     if request.overlay is not None and first is None:
         raise ValueError(f"--overlay {request.overlay}: the source has boxes alone, no images")
     rate = _frame_rate(request.frame_rate, rates, task.frame_rate)

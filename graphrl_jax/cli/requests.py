@@ -212,6 +212,31 @@ class Stages:
 
 
 @dataclass(frozen=True)
+class Score:
+    """Scores recordings under a reward model: progress per frame, subtasks, and a ranking.
+
+    Attributes:
+      model: folder of a reward model, or of a run that learned one.
+      source: file or folder of recordings; see `graphrl import`.
+      out: folder to write; must not exist.
+      objects: file of objects with the colours of the model's objects.
+      format: format of the source.
+      size: width and height of the images, for corner files and labels in pixels that do not say it.
+      camera: camera of the dataset, such as observation.images.top; for lerobot and robomimic.
+      weights: weights of an Ultralytics model that finds the objects.
+    """
+
+    model: tyro.conf.Positional[Path]
+    source: tyro.conf.Positional[Path]
+    out: Path
+    objects: Annotated[Path | None, optional("PATH", "the task's detector")] = None
+    format: Annotated[str | None, optional(f"{{{','.join(FORMATS)}}}", "told by the files")] = None
+    size: Annotated[tuple[int, int] | None, optional("INT INT", "the source says it")] = None
+    camera: Annotated[str | None, optional("NAME", "the only one")] = None
+    weights: Annotated[Path | None, optional("PATH", "the task's own detector")] = None
+
+
+@dataclass(frozen=True)
 class Sweep:
     """Trains encoders and policies for several values of some floats, times seeds, side by side.
 

@@ -1,9 +1,10 @@
 """Conversion of recordings to demonstrations: detection, tracking, padding."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,7 +25,7 @@ from graphrl_jax.perception.importers import (
     robomimic,
     videos,
 )
-from graphrl_jax.perception.importers.recording import ImportFailure, Recording, Recordings, files_of
+from graphrl_jax.perception.importers.recording import ImportFailure, Recording, Recordings, files_of, resampled
 from graphrl_jax.perception.tracking import assign, bridge
 
 ENDINGS: dict[str, tuple[str, ...]] = {
@@ -157,6 +158,28 @@ def guess_format(path: Path) -> str:
     if unclear is not None:
         raise ImportFailure(f"{unclear} may be a frame or a mask; --format frames or --format masks says which")
     return told[0]
+
+
+class Track(NamedTuple):
+    """A recording at the asked frame rate, boxes (T, N, 4) and mask (T, N) of its objects, and notes on tracking."""
+
+    recording: Recording
+    boxes: np.ndarray
+    mask: np.ndarray
+    notes: tuple[str, ...]
+
+
+def tracks_of(
+    source: Source, objects: ObjectTable, detector: Detector | None, frame_rate: float | None
+) -> Iterator[Track]:
+    """Reads the recordings of a source, one at a time, resamples them, and finds their objects.
+
+    Raises:
+      ImportFailure: see the reader of the format and `track_recording`.
+    """
+    for read in source.recordings(objects):
+        recording = resampled(read, frame_rate)
+        yield Track(recording, *track_recording(recording, objects, detector))
 
 
 def track_recording(

@@ -1,0 +1,62 @@
+"""`graphrl score`: recordings of Match Regions under the released reward."""
+
+import json
+
+import jax
+import numpy as np
+import pytest
+from pyarrow import parquet
+
+from graphrl_jax import cli
+from graphrl_jax.registry import make_task
+from graphrl_jax.reward.model import RewardModel
+from graphrl_jax.viz.video import write_video
+from tests.helpers.commands import call, rejected
+
+MODEL = "checkpoints/match_regions_graph"
+
+
+@pytest.fixture(scope="module")
+def recordings(tmp_path_factory):
+    """A whole demonstration and its first half, at twice the frame rate of the task."""
+    folder = tmp_path_factory.mktemp("recordings")
+    demos = make_task("match_regions").demonstrate(jax.random.key(3), 1, image_size=128)
+    frames = np.repeat(np.asarray(demos.images(128))[0, : demos.lengths[0]], 2, axis=0)
+    write_video(frames[: len(frames) // 2], folder / "half.mp4", 16.0)
+    write_video(frames, folder / "whole.mp4", 16.0)
+    return folder
+
+
+def test_recordings_are_scored_and_ranked(recordings, tmp_path):
+    answer = call(cli.main, "score", MODEL, recordings, "--out", tmp_path / "scores")
+    first, second = answer["recordings"]
+    assert (first["recording"], second["recording"]) == (f"{recordings}/whole.mp4", f"{recordings}/half.mp4")
+    assert first["looks_like_success"] and not second["looks_like_success"]
+    assert first["final_progress"] > second["final_progress"] and first["value_order_correlation"] > 0.8
+    scores = json.loads((tmp_path / "scores" / "scores.json").read_text())
+    assert scores["end_reward"] == RewardModel.load(MODEL).card.end_reward
+    whole = scores["recordings"][0]
+    assert whole["coverage"]["robot"] == 1 and whole["episode_index"] == 1
+
+    table = parquet.read_table(tmp_path / "scores" / "progress.parquet")
+    assert table.schema.metadata[b"reward_model_path"] == MODEL.encode()
+    rows = table.to_pydict()
+    frames = [row["frames"] for row in sorted(scores["recordings"], key=lambda row: row["episode_index"])]
+    np.testing.assert_array_equal(rows["index"], np.arange(sum(frames)))
+    np.testing.assert_array_equal(rows["episode_index"], np.repeat([0, 1], frames))
+    np.testing.assert_array_equal(rows["frame_index"], np.concatenate([np.arange(count) for count in frames]))
+    np.testing.assert_allclose(np.diff(rows["seconds"][: frames[0]]), 1 / 8, atol=1e-6)
+    progress, reward = np.array(rows["progress_sparse"]), np.array(rows["reward"])
+    np.testing.assert_allclose(progress, np.clip(1 + reward, 0, 1), atol=1e-6)
+    assert rows["active"][0] == [] and {"star", "square"} <= set(rows["active"][-1])
+
+
+def test_what_cannot_be_scored_is_one_sentence(capsys, recordings, tmp_path):
+    out = tmp_path / "scores"
+    assert "holds no reward model" in rejected(capsys, ["score", recordings, recordings, "--out", out], cli.main)
+    (tmp_path / "objects.toml").write_text('name = "a"\nframe_rate = 8\n[[objects]]\nname = "b"\n')
+    other = ["score", MODEL, recordings, "--objects", tmp_path / "objects.toml", "--out", out]
+    assert "objects.toml has other objects than checkpoints/match_regions_graph" in rejected(capsys, other, cli.main)
+    assert not out.exists()
+    out.mkdir()
+    assert "exists already" in rejected(capsys, ["score", MODEL, recordings, "--out", out], cli.main)

@@ -1,0 +1,74 @@
+"""Scores of recordings: curves by hand, stalls, and what a cut-off recording looks like."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+
+from graphrl_jax.encoder import encoder
+from graphrl_jax.encoder.config import EncoderConfig
+from graphrl_jax.encoder.pooling import PoolingParams
+from graphrl_jax.reward.card import Card
+from graphrl_jax.reward.model import RewardModel, demonstration_rewards, fit_reward
+from graphrl_jax.reward.scoring import Curve, score, summary
+from tests.helpers.demonstrations import demonstrations
+from tests.helpers.graphs import OBJECTS
+
+CONFIG = EncoderConfig(num_layers=1, hidden=4, embedding=3)
+DEMOS = demonstrations(num=4, num_frames=10)
+CARD = Card(OBJECTS, 8.0, CONFIG, "displacement", "sorting", "made up", 4, -0.1)
+
+
+@pytest.fixture(scope="module")
+def model() -> RewardModel:
+    params = jax.jit(encoder.init, static_argnums=(1, 2))(jax.random.key(0), CONFIG, OBJECTS)
+    return replace(fit_reward(params, DEMOS, PoolingParams(alpha=2.0, tau=0.02)), card=CARD)
+
+
+def test_a_curve_is_that_of_the_reward(model):
+    length = int(DEMOS.lengths[0])
+    boxes, mask = DEMOS.boxes[0, :length], DEMOS.mask[0, :length]
+    curve = score(model, boxes, mask)
+    np.testing.assert_allclose(curve.reward, demonstration_rewards(model, DEMOS)[0, :length], atol=1e-6)
+    np.testing.assert_allclose(curve.reward, model.value(curve.distance), atol=1e-6)
+    np.testing.assert_allclose(curve.progress, np.clip(1 + curve.reward, 0, 1))
+    np.testing.assert_array_equal(curve.found, mask)
+    assert curve.subtask[0] == 0 and (np.diff(curve.subtask) >= 0).all()
+    assert not curve.active[0].any() and (np.diff(curve.active.astype(int), axis=0) >= 0).all()
+
+
+def curve_of(progress: np.ndarray, subtask: np.ndarray | None = None) -> Curve:
+    progress = np.asarray(progress, np.float32)
+    flags = np.ones((len(progress), 4), bool)
+    flags[::2, 1] = False
+    subtask = np.zeros(len(progress), np.int64) if subtask is None else subtask
+    return Curve(1 - progress, progress - 1, progress, subtask, flags, flags)
+
+
+def test_a_steady_recording_does_not_stall_and_looks_like_success(model):
+    found = summary(model, curve_of(np.linspace(0, 0.95, 41), np.repeat([0, 1, 2], [10, 20, 11])))
+    assert (found["frames"], found["seconds"], found["stalls"]) == (41, 41 / 8, [])
+    assert found["looks_like_success"] and found["value_order_correlation"] == pytest.approx(1)
+    assert found["final_progress"] == pytest.approx(0.95) and found["subtasks"] == [10, 30]
+    assert found["coverage"] == {"robot": 1, "block": pytest.approx(20 / 41, abs=1e-4), "region": 1, "absent": 1}
+
+
+def test_a_recording_that_is_cut_off_does_not_look_like_success(model):
+    assert not summary(model, curve_of(np.linspace(0, 0.95, 41)[:20]))["looks_like_success"]
+    assert not summary(model, curve_of(np.linspace(0, 0.89, 41)))["looks_like_success"]
+
+
+def test_stalls_are_spans_without_a_gain(model):
+    # Half a second up, three seconds still, up again, and still at the goal, which is no stall.
+    progress = np.concatenate([np.linspace(0, 0.4, 5), np.full(24, 0.4), np.linspace(0.5, 1, 5), np.full(40, 1.0)])
+    assert summary(model, curve_of(progress))["stalls"] == [(0.5, 29 / 8)]
+    unfinished = np.concatenate([np.linspace(0, 0.4, 5), np.full(24, 0.4)])
+    assert summary(model, curve_of(unfinished))["stalls"] == [(0.5, 29 / 8)]
+
+
+def test_a_model_without_card_scores_nothing(model):
+    with pytest.raises(ValueError, match="need a reward model of graphs with a card"):
+        score(replace(model, card=None), DEMOS.boxes[0], DEMOS.mask[0])
+    with pytest.raises(ValueError, match="needs a reward model with a card"):
+        summary(replace(model, card=None), curve_of(np.ones(3)))
