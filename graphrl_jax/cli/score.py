@@ -21,6 +21,7 @@ from graphrl_jax.reward.card import Card
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.reward.scoring import Curve, score, summary
 from graphrl_jax.storage import write_atomically, write_json
+from graphrl_jax.viz.report import Scored, scores_page, spread
 
 _SHOWN = ("recording", "final_progress", "value_order_correlation", "looks_like_success")
 
@@ -38,18 +39,23 @@ def run(request: Score) -> dict[str, Any]:
         refuse_useless(request, ["size"], f"with format {source.format}, whose files say it")
     if source.format not in CAMERA_FORMATS:
         refuse_useless(request, ["camera"], f"with format {source.format}, whose files have one view")
-    tables, rows, index = [], [], 0
+    tables, rows, shown, index = [], [], [], 0
     with Progress() as progress:
         for number, track in enumerate(tracks_of(source, card.objects, _detector(request, card), card.frame_rate)):
             curve = score(model, track.boxes, track.mask)
             tables.append(_table(curve, number, index, card))
             index += len(curve.reward)
-            rows.append({"recording": str(track.recording.source), "episode_index": number, **summary(model, curve)})
+            name, about = str(track.recording.source), {"episode_index": number, **summary(model, curve)}
+            rows.append({"recording": name, **about})
+            shown.append(Scored(name, about, curve.progress, card.frame_rate, spread(track.recording.frames)))
             progress.note("; ".join([str(track.recording.source), *track.recording.notes, *track.notes]))
     if not rows:
         raise ValueError(f"{request.source} holds no recordings")
     _write_table(pa.concat_tables(tables), request)
-    ranked = sorted(rows, key=lambda row: row["final_progress"], reverse=True)
+    order = sorted(range(len(rows)), key=lambda number: rows[number]["final_progress"], reverse=True)
+    ranked = [rows[number] for number in order]
+    page, title = request.out / "report.html", f"Progress of {request.source.name} in {card.task}"
+    scores_page(page, [shown[number] for number in order], title, card.demonstrations, card.source, card.end_reward)
     write_json(
         request.out / "scores.json", {"model": str(request.model), "end_reward": card.end_reward, "recordings": ranked}
     )

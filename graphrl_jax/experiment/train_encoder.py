@@ -28,8 +28,8 @@ from graphrl_jax.reward.model import (
 )
 from graphrl_jax.rl.ppo import as_float32
 
-ENDS_SHARE = 0.95
-"""Share of the successes that end with a reward above the card's `end_reward`."""
+ENDS_SHARE, END_MARGIN = 0.95, 0.1
+"""A recording looks like success if its reward ends above that of this share of the successes, less this margin."""
 FITTED_SHARE = 0.75
 """Share of the successes that an encoder is trained on; the rest is held out."""
 
@@ -178,7 +178,7 @@ def _card(job: EncoderJob, config: PretrainConfig, model: RewardModel) -> Card:
     """The card of a trained model."""
     demos = job.split[0]
     ends = np.asarray(demonstration_rewards(model, demos))[np.arange(len(demos)), demos.lengths - 1]
-    end_reward = float(np.quantile(ends, 1 - ENDS_SHARE))
+    end_reward = float(np.quantile(ends, 1 - ENDS_SHARE)) - END_MARGIN
     return Card(
         objects=demos.objects,
         frame_rate=demos.frame_rate,

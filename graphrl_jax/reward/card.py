@@ -31,7 +31,8 @@ class Card:
       task: name of the task.
       source: of the demonstrations.
       demonstrations: number of successes that it has learned from.
-      end_reward: 95 % of these end with a reward above this.
+      end_reward: a recording that ends with at least this reward looks like success; 95 % of the successes end above it
+        by at least a tenth of the way from start to goal.
     """
 
     objects: ObjectTable
@@ -98,8 +99,8 @@ def _text(card: Card, numbers: Mapping[str, Any]) -> str:
 It gives each frame of a recording a reward: about -1 at the start of the task, 0 at its goal. It takes the objects'
 boxes at {card.frame_rate:g} frames per second{_of_images(card)}.
 
-It has learned from {card.demonstrations} successful demonstrations ({card.source}). 95 % of them end with a reward
-above {card.end_reward:.3g}.
+It has learned from {card.demonstrations} successful demonstrations ({card.source}). A recording that ends with a reward
+of at least {card.end_reward:.3g} looks like success.
 
 | object | class | kind |
 |---|---|---|

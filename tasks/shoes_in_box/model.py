@@ -87,11 +87,12 @@ class Physics:
     """Simulation settings (static: they shape the compiled program).
 
     Softer pads (MuJoCo's default impedance, `impratio` 1) let a shoe creep out of the grip while it is carried; an
-    `impratio` of 20 makes single precision diverge.
+    `impratio` of 20 makes single precision diverge. With 5 solver iterations a shoe slips in the grip, more in MJX than in
+    C MuJoCo; more than 10 change nothing.
     """
 
     substeps: int = 10
-    iterations: int = 5
+    iterations: int = 10
     ls_iterations: int = 8
     impratio: float = 3.0
     max_contact_points: int = 16
