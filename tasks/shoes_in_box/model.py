@@ -87,8 +87,8 @@ class Physics:
     """Simulation settings (static: they shape the compiled program).
 
     Softer pads (MuJoCo's default impedance, `impratio` 1) let a shoe creep out of the grip while it is carried; an
-    `impratio` of 20 makes single precision diverge. With 5 solver iterations a shoe slips in the grip, more in MJX than in
-    C MuJoCo; more than 10 change nothing.
+    `impratio` of 20 makes single precision diverge. With 5 solver iterations a shoe slips in the grip, more in MJX than
+    in C MuJoCo; more than 10 change nothing in C MuJoCo.
     """
 
     substeps: int = 10
