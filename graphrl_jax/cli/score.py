@@ -45,8 +45,9 @@ def run(request: Score) -> dict[str, Any]:
             curve = score(model, track.boxes, track.mask)
             tables.append(_table(curve, number, index, card))
             index += len(curve.reward)
-            name, about = str(track.recording.source), {"episode_index": number, **summary(model, curve)}
-            rows.append({"recording": name, **about})
+            recording, about = track.recording.source, {"episode_index": number, **summary(model, curve)}
+            rows.append({"recording": str(recording), **about})
+            name = _name(recording, request.source)
             shown.append(Scored(name, about, curve.progress, card.frame_rate, spread(track.recording.frames)))
             progress.note("; ".join([str(track.recording.source), *track.recording.notes, *track.notes]))
     if not rows:
@@ -60,6 +61,12 @@ def run(request: Score) -> dict[str, Any]:
         request.out / "scores.json", {"model": str(request.model), "end_reward": card.end_reward, "recordings": ranked}
     )
     return {"out": str(request.out), "recordings": [{name: row[name] for name in _SHOWN} for row in ranked]}
+
+
+def _name(recording: Path, source: Path) -> str:
+    """A recording's path inside its source."""
+    inside = recording.is_relative_to(source) and recording != source
+    return str(recording.relative_to(source)) if inside else recording.name
 
 
 def _detector(request: Score, card: Card) -> Detector | None:

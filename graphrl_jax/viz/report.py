@@ -15,8 +15,8 @@ from graphrl_jax.storage import write_atomically
 
 IMAGES, IMAGE_WIDTH = 6, 240
 """Frames shown per recording, and their width in pixels."""
-_WIDTH, _HEIGHT = 800, 220
-_LEFT, _RIGHT, _TOP, _BOTTOM = 40, 784, 12, 172
+_WIDTH, _HEIGHT = 800, 204
+_LEFT, _RIGHT, _TOP, _BOTTOM = 52, 784, 12, 172
 _TEMPLATES = jinja2.Environment(
     loader=jinja2.PackageLoader("graphrl_jax.viz"), autoescape=True, undefined=jinja2.StrictUndefined
 )

@@ -38,6 +38,9 @@ def test_recordings_are_scored_and_ranked(recordings, tmp_path):
     whole = scores["recordings"][0]
     assert whole["coverage"]["robot"] == 1 and whole["episode_index"] == 1
 
+    page = (tmp_path / "scores" / "report.html").read_text()
+    assert page.count("<section") == 2 and page.index("whole.mp4") < page.index("half.mp4")
+
     table = parquet.read_table(tmp_path / "scores" / "progress.parquet")
     assert table.schema.metadata[b"reward_model_path"] == MODEL.encode()
     rows = table.to_pydict()
