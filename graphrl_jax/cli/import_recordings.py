@@ -7,9 +7,9 @@ import numpy as np
 
 from graphrl_jax.cli.options import refuse_existing, refuse_useless
 from graphrl_jax.cli.requests import Import
+from graphrl_jax.cli.sources import source_of
 from graphrl_jax.demonstrations import Demonstrations
-from graphrl_jax.perception.config import CAMERA_FORMATS, SIZED_FORMATS
-from graphrl_jax.perception.importers.convert import Source, demonstrations_of, tracks_of
+from graphrl_jax.perception.importers.convert import demonstrations_of, tracks_of
 from graphrl_jax.perception.importers.recording import same_rate
 from graphrl_jax.perception.model_detector import ultralytics
 from graphrl_jax.perception.objects_file import read_objects
@@ -25,11 +25,7 @@ def run(request: Import) -> dict[str, Any]:
     _check(request)
     recorded = None if request.objects is None else read_objects(request.objects)
     task = recorded or make_task(request.task)
-    source = Source(request.source, request.format, request.size, request.camera)
-    if source.format not in SIZED_FORMATS:
-        refuse_useless(request, ["size"], f"with format {source.format}, whose files say it")
-    if source.format not in CAMERA_FORMATS:
-        refuse_useless(request, ["camera"], f"with format {source.format}, whose files have one view")
+    source = source_of(request)
     detector = task.detector() if request.weights is None else ultralytics(request.weights, task.objects)
     tracks, events, first, rates = [], [], None, set()
     with Progress() as progress:

@@ -13,6 +13,7 @@ from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import as_json, compose
 from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
 from graphrl_jax.progress import Progress
+from graphrl_jax.reward.card import write_card
 from graphrl_jax.storage import write_json
 
 
@@ -39,6 +40,7 @@ def run(request: Pretrain) -> dict[str, Any]:
         # Rearrangements of what the encoder has seen would say too little.
         audited = RecordedTask(job.split[1]) if isinstance(task, RecordedTask) else task
         metrics |= audit_reward(job, audited, model)
-        model.save(folder.path, metrics)
+        assert model.card is not None
+        write_card(folder.path, model.card, metrics)
     write_json(folder.path / "summary.json", {**metrics, "versions": runtime.versions(), "device": runtime.device()})
     return {"out": str(folder.path), **{name: value for name, value in metrics.items() if isinstance(value, float)}}

@@ -8,11 +8,10 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from graphrl_jax import runtime
-from graphrl_jax.cli.options import refuse_useless
 from graphrl_jax.cli.requests import Score
-from graphrl_jax.perception.config import CAMERA_FORMATS, SIZED_FORMATS
+from graphrl_jax.cli.sources import source_of
 from graphrl_jax.perception.detector import Detector
-from graphrl_jax.perception.importers.convert import Source, tracks_of
+from graphrl_jax.perception.importers.convert import tracks_of
 from graphrl_jax.perception.model_detector import ultralytics
 from graphrl_jax.perception.objects_file import read_objects
 from graphrl_jax.progress import Progress
@@ -34,11 +33,7 @@ def run(request: Score) -> dict[str, Any]:
     model = RewardModel.load(request.model)
     card = model.card
     assert card is not None
-    source = Source(request.source, request.format, request.size, request.camera)
-    if source.format not in SIZED_FORMATS:
-        refuse_useless(request, ["size"], f"with format {source.format}, whose files say it")
-    if source.format not in CAMERA_FORMATS:
-        refuse_useless(request, ["camera"], f"with format {source.format}, whose files have one view")
+    source = source_of(request)
     tables, rows, shown, index = [], [], [], 0
     with Progress() as progress:
         for number, track in enumerate(tracks_of(source, card.objects, _detector(request, card), card.frame_rate)):

@@ -83,7 +83,11 @@ class RewardModel:
         write_card(Path(folder), self.card, numbers or {})
 
     def rewards(self, boxes: ArrayLike, mask: ArrayLike) -> jax.Array:
-        """The reward of every frame of a recording: (T,) float32.
+        """The reward of every frame of a recording: (T,) float32; see `embed_recording`."""
+        return self.value(safe_norm(self.embed_recording(boxes, mask) - self.goal[None]))
+
+    def embed_recording(self, boxes: ArrayLike, mask: ArrayLike) -> jax.Array:
+        """phi of every frame of a recording: (T, D) float32.
 
         Args:
           boxes: (T, N, 4) float32, in the order of the card's objects, at its frame rate.
@@ -94,16 +98,14 @@ class RewardModel:
         """
         card = self.card
         if card is None or self.image_size is not None:
-            raise ValueError("rewards of boxes need a model of graphs with a card")
+            raise ValueError("scores of boxes need a reward model of graphs with a card")
         boxes, mask = jnp.asarray(boxes, jnp.float32), jnp.asarray(mask, bool)
         slots = card.objects.num_slots
         if boxes.ndim != 3 or boxes.shape[1:] != (slots, 4) or mask.shape != boxes.shape[:2]:
             raise ValueError(
                 f"rewards takes boxes (T, {slots}, 4) and mask (T, {slots}), got {boxes.shape} and {mask.shape}"
             )
-        length = boxes.shape[0]
-        embeddings = encode_sequence(self.params, card.objects, boxes, mask, length, self.pooling)
-        return self.value(safe_norm(embeddings - self.goal[None]))
+        return encode_sequence(self.params, card.objects, boxes, mask, boxes.shape[0], self.pooling)
 
     def embed(self, seen: Seen) -> jax.Array:
         """phi(G) of one graph, or of one image: (D,)."""

@@ -5,7 +5,6 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from graphrl_jax.encoder.encoder import encode_sequence
 from graphrl_jax.graph import activity, safe_norm
 from graphrl_jax.reward.alignment import value_order_correlation
 from graphrl_jax.reward.model import RewardModel
@@ -45,13 +44,10 @@ def score(model: RewardModel, boxes: np.ndarray, mask: np.ndarray) -> Curve:
       mask: (T, N) bool, False where an object was not seen.
 
     Raises:
-      ValueError: the model has no card, or takes images.
+      ValueError: see `RewardModel.embed_recording`.
     """
-    card = model.card
-    if card is None or model.image_size is not None:
-        raise ValueError("scores of boxes need a reward model of graphs with a card")
     boxes, mask = np.asarray(boxes, np.float32), np.asarray(mask, bool)
-    embeddings = encode_sequence(model.params, card.objects, boxes, mask, len(boxes), model.pooling)
+    embeddings = model.embed_recording(boxes, mask)
     distance = safe_norm(embeddings - model.goal[None])
     reward = np.asarray(model.value(distance))
     subtask = np.zeros(len(boxes), np.int64)
