@@ -87,14 +87,9 @@ def refuse_useless(request: Any, names: Iterable[str], why: str) -> None:
     Raises:
       ValueError: see above.
     """
-    usual = {field.name: field.default for field in dataclasses.fields(request)}
     for name in names:
-        value = getattr(request, name)
-        # A group of options has no default of its own; what was given is in it.
-        group = asked_for(value) if dataclasses.is_dataclass(value) else None
-        if group or (group is None and value != usual[name]):
-            option = f"{name}.{next(iter(group))}" if group else name
-            raise ValueError(f"--{option.replace('_', '-')} changes nothing {why}; leave it out")
+        for part in _given(request, name):
+            raise ValueError(f"{_option(name, part)} changes nothing {why}; leave it out")
 
 
 def refuse_other(request: Any, own: Mapping[str, Any], where: Path) -> None:
@@ -108,19 +103,28 @@ def refuse_other(request: Any, own: Mapping[str, Any], where: Path) -> None:
     Raises:
       ValueError: see above.
     """
-    usual = {field.name: field.default for field in dataclasses.fields(request)}
     for name, has in own.items():
-        value = getattr(request, name)
-        if dataclasses.is_dataclass(value):
-            given = {f"{name}.{part}": (one, has[part]) for part, one in asked_for(value).items()}
-        else:
-            given = {} if value == usual[name] else {name: (value, has)}
-        for option, (asked, kept) in given.items():
+        for part, asked in _given(request, name).items():
+            kept = has if part is None else has[part]
             if _text(asked) != _text(kept):
                 raise ValueError(
-                    f"--{option.replace('_', '-')} is {_text(asked)}, but {where} goes on with its own settings, "
+                    f"{_option(name, part)} is {_text(asked)}, but {where} goes on with its own settings, "
                     f"{_text(kept)}; leave it out"
                 )
+
+
+def _given(request: Any, name: str) -> dict[str | None, Any]:
+    """What was given of a field: the parts of a group by their names, or the field's own value by None."""
+    value = getattr(request, name)
+    if dataclasses.is_dataclass(value):
+        return dict(asked_for(value))
+    (usual,) = (field.default for field in dataclasses.fields(request) if field.name == name)
+    return {} if value == usual else {None: value}
+
+
+def _option(name: str, part: str | None) -> str:
+    """The option of a field, or of a part of a group."""
+    return f"--{name if part is None else f'{name}.{part}'}".replace("_", "-")
 
 
 def _text(value: Any) -> str:
