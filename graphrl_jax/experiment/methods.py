@@ -66,7 +66,8 @@ WITH_ROBOT = {"suppress_robot": 0.0, "robot_messages": 1.0}
 """A robot in the pooling also sends messages."""
 _GRAPHIRL = {"alpha": 1.0, "reconstruction_weight": 0.0, "robot_messages": 0.0}
 """GraphIRL uses TCC alone, a plain mean and, w/o robot, no node for the robot."""
-_GRAPHIRL_FLOATS = tuple(name for name in ALL_FLOATS if name != "alpha")
+_GRAPHIRL_FLOATS = tuple(name for name in ALL_FLOATS if name not in ("alpha", "bumped_before"))
+"""A plain mean weighs objects alike, moved or not."""
 _IMAGE_FLOATS = (
     "learning_rate", "final_learning_rate", "warmup", "weight_decay", "max_grad_norm", "tau", "temperature",
     "tcc_weight", "even",
