@@ -1,13 +1,21 @@
 """What people read is true: links resolve, tables are those of result files and code, examples run."""
 
+import contextlib
+import io
+import json
 import re
+import runpy
+import shlex
 from pathlib import Path
 
 import pytest
 
 from benchmarks import tables
 from docs import generate
+from graphrl_jax import cli
 from graphrl_jax.experiment.methods import METHODS
+from graphrl_jax.perception.objects_file import read_objects
+from tests.helpers.commands import call
 from tests.helpers.outside_package import EXAMPLE, REPOSITORY
 
 README, DOCS = REPOSITORY / "README.md", REPOSITORY / "docs"
@@ -67,6 +75,31 @@ def test_the_readmes_example_draws_a_curve(tmp_path, monkeypatch):
     (tmp_path / "checkpoints").symlink_to(REPOSITORY / "checkpoints")
     exec(compile(example, "README.md", "exec"), {})
     assert [path for path in tmp_path.glob("*.png") if path.stat().st_size > 5000]
+
+
+def test_the_commands_of_your_own_video_run(tmp_path, monkeypatch):
+    """As they stand, but for a shorter pretraining, and in this process."""
+    page = DOCS / "your_own_video.md"
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "docs").symlink_to(DOCS)
+    for line in "".join(code_blocks(page, "bash")).splitlines():
+        program, *arguments = shlex.split(line)
+        if program == "python":
+            monkeypatch.setattr("sys.argv", arguments)
+            runpy.run_path(arguments[0], run_name="__main__")
+        else:
+            call(cli.main, *arguments, *(["--steps", "200"] if arguments[0] == "pretrain" else []))
+    (example,) = code_blocks(page, "python")
+    with contextlib.redirect_stdout(io.StringIO()) as printed:
+        exec(compile(example, page.name, "exec"), {})
+    start, _, end = map(float, printed.getvalue().strip("[ ]\n").split())
+    assert start < end
+    ranked = json.loads((tmp_path / "scores" / "scores.json").read_text())["recordings"]
+    assert len(ranked) == 6 and Path(ranked[0]["recording"]).name.partition("_")[0] == "both"
+    assert Path(ranked[-1]["recording"]).name == "nothing_1.mp4"
+    assert (tmp_path / "scores" / "report.html").stat().st_size < 5e6
+    template, finished = (tmp_path / "my_objects.toml", DOCS / "examples" / "desk" / "desk.toml")
+    assert read_objects(template).objects.names == read_objects(finished).objects.names
 
 
 def test_a_new_method_is_one_row(tmp_path, outside_package):

@@ -1,0 +1,110 @@
+"""`graphrl score`: progress of recordings under a reward model; see `requests.Score`."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import parquet
+
+from graphrl_jax import runtime
+from graphrl_jax.cli.requests import Score
+from graphrl_jax.cli.sources import source_of
+from graphrl_jax.perception.detector import Detector
+from graphrl_jax.perception.importers.convert import tracks_of
+from graphrl_jax.perception.model_detector import ultralytics
+from graphrl_jax.perception.objects_file import read_objects
+from graphrl_jax.progress import Progress
+from graphrl_jax.registry import make_task, task_names
+from graphrl_jax.reward.card import Card
+from graphrl_jax.reward.model import RewardModel
+from graphrl_jax.reward.scoring import Curve, score, summary
+from graphrl_jax.storage import write_atomically, write_json
+from graphrl_jax.viz.report import Scored, scores_page, spread
+
+_SHOWN = ("recording", "final_progress", "value_order_correlation", "looks_like_success")
+
+
+def run(request: Score) -> dict[str, Any]:
+    """Carries the request out."""
+    runtime.configure()
+    if request.out.exists():
+        raise ValueError(f"--out {request.out} exists already; choose another name")
+    model = RewardModel.load(request.model)
+    card = model.card
+    assert card is not None
+    source = source_of(request)
+    tables, rows, shown, index = [], [], [], 0
+    with Progress() as progress:
+        for number, track in enumerate(tracks_of(source, card.objects, _detector(request, card), card.frame_rate)):
+            curve = score(model, track.boxes, track.mask)
+            tables.append(_table(curve, number, index, card))
+            index += len(curve.reward)
+            recording, about = track.recording.source, {"episode_index": number, **summary(model, curve)}
+            rows.append({"recording": str(recording), **about})
+            name = _name(recording, request.source)
+            shown.append(Scored(name, about, curve.progress, card.frame_rate, spread(track.recording.frames)))
+            progress.note("; ".join([str(track.recording.source), *track.recording.notes, *track.notes]))
+    if not rows:
+        raise ValueError(f"{request.source} holds no recordings")
+    _write_table(pa.concat_tables(tables), request)
+    order = sorted(range(len(rows)), key=lambda number: rows[number]["final_progress"], reverse=True)
+    ranked = [rows[number] for number in order]
+    page, title = request.out / "report.html", f"Progress of {request.source.name} in {card.task}"
+    scores_page(page, [shown[number] for number in order], title, card.demonstrations, card.source, card.end_reward)
+    write_json(
+        request.out / "scores.json", {"model": str(request.model), "end_reward": card.end_reward, "recordings": ranked}
+    )
+    return {"out": str(request.out), "recordings": [{name: row[name] for name in _SHOWN} for row in ranked]}
+
+
+def _name(recording: Path, source: Path) -> str:
+    """A recording's path inside its source."""
+    inside = recording.is_relative_to(source) and recording != source
+    return str(recording.relative_to(source)) if inside else recording.name
+
+
+def _detector(request: Score, card: Card) -> Detector | None:
+    """What finds the objects in images: a trained model, the colours of a file of objects, or the task's own."""
+    if request.weights is not None:
+        return ultralytics(request.weights, card.objects)
+    if request.objects is not None:
+        objects = read_objects(request.objects)
+        if objects.objects != card.objects:
+            raise ValueError(f"--objects {request.objects} has other objects than {request.model}")
+        return objects.detector()
+    return make_task(card.task).detector() if card.task in task_names() else None
+
+
+def _table(curve: Curve, episode: int, first: int, card: Card) -> pa.Table:
+    """A row per frame."""
+    frames = np.arange(len(curve.reward))
+    return pa.table(
+        {
+            "index": pa.array(first + frames, pa.int64()),
+            "episode_index": pa.array(np.full(len(frames), episode), pa.int64()),
+            "frame_index": pa.array(frames, pa.int64()),
+            "progress_sparse": pa.array(curve.progress, pa.float32()),
+            "seconds": pa.array(frames / card.frame_rate, pa.float32()),
+            "distance": pa.array(curve.distance, pa.float32()),
+            "reward": pa.array(curve.reward, pa.float32()),
+            "subtask": pa.array(curve.subtask, pa.int64()),
+            "active": pa.array(_names(curve.active, card), pa.list_(pa.string())),
+            "found": pa.array(_names(curve.found, card), pa.list_(pa.string())),
+        }
+    )
+
+
+def _names(flags: np.ndarray, card: Card) -> list[list[str]]:
+    """Names of the objects whose flag is set, per frame."""
+    return [[name for name, flag in zip(card.objects.names, row, strict=True) if flag] for row in flags]
+
+
+def _write_table(table: pa.Table, request: Score) -> None:
+    """Writes progress.parquet; its metadata name the model."""
+    told = table.replace_schema_metadata({"reward_model_path": str(request.model)})
+
+    def write(temporary: Path) -> None:
+        parquet.write_table(told, temporary)
+
+    write_atomically(request.out / "progress.parquet", write)

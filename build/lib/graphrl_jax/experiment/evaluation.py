@@ -1,0 +1,95 @@
+"""Evaluation of a policy on unseen episodes: metrics, video and plot."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from graphrl_jax.experiment.checkpoints import TrainedRun
+from graphrl_jax.experiment.environments import environment_of
+from graphrl_jax.experiment.keys import RunStage, stage_key
+from graphrl_jax.experiment.run_directory import Run
+from graphrl_jax.rl import rollout
+from graphrl_jax.rl.config import PPOConfig
+from graphrl_jax.viz import plots
+from graphrl_jax.viz.video import write_video
+
+SEED_OFFSET = 1000
+"""Difference between the seed of a run and the seed of its final evaluation."""
+
+
+def evaluate_policy(trained: TrainedRun, episodes: int, seed: int) -> dict[str, Any]:
+    """Evaluates the deterministic policy on unseen episodes.
+
+    Args:
+      trained: the policy with its task, settings and reward.
+      episodes: number of episodes.
+      seed: selects the episodes.
+
+    Returns:
+      success_rate, mean_score and mean_return (of the reward that the policy was trained on), episodes and seed.
+    """
+    outcomes = unseen_episodes(trained, episodes, seed)
+    return {
+        "success_rate": float(jnp.mean(outcomes["success"])),
+        "mean_score": float(jnp.mean(outcomes["score"])),
+        "episodes": episodes,
+        "mean_return": float(jnp.mean(outcomes["episode_return"])),
+        "seed": seed,
+    }
+
+
+def unseen_episodes(trained: TrainedRun, episodes: int, seed: int) -> dict[str, jax.Array]:
+    """Outcomes of the episodes that `evaluate_policy` averages, each (episodes,); see `rollout.episode_outcomes`.
+
+    `events` (episodes, E) bool says which of the task's events hold at the end.
+    """
+    return rollout.evaluate(
+        evaluation_config(trained),
+        environment_of(trained.task, trained.settings.reward),
+        trained.reward_params,
+        trained.policy,
+        stage_key(seed, RunStage.EVALUATION),
+        episodes,
+        events=trained.task.events,
+    )
+
+
+def show_policy(run: Run, trained: TrainedRun, episodes: int, seed: int, video: Path) -> None:
+    """Writes the video of a few episodes and the plot of their rewards.
+
+    Args:
+      run: folder that gets the plot.
+      trained: the policy with its task, settings and reward.
+      episodes: number of episodes.
+      seed: selects the episodes.
+      video: file of the video, ends in .mp4.
+    """
+    task, settings = trained.task, trained.settings
+    recorded = rollout.record(
+        task,
+        evaluation_config(trained),
+        environment_of(task, settings.reward),
+        trained.reward_params,
+        trained.policy,
+        stage_key(seed, RunStage.RECORDING),
+        episodes,
+    )
+    write_video(rollout.draw_rollout(task, recorded), video, task.frame_rate)
+    plots.reward_over_time(
+        recorded.rewards,
+        np.full(len(recorded.rewards), recorded.rewards.shape[1]),
+        recorded.events,
+        task.event_names,
+        task.frame_rate,
+        run.figures / "reward_on_rollouts.png",
+        f"Reward ({settings.reward}) on the policy's own episodes",
+    )
+
+
+def evaluation_config(trained: TrainedRun) -> PPOConfig:
+    """The run's PPO configuration with the task's full episode length."""
+    return replace(trained.settings.ppo_config, episode_length=trained.task.episode_length)

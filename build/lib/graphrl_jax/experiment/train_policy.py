@@ -1,0 +1,261 @@
+"""Training of policies by PPO in compiled chunks with checkpoints, for one run or a sweep's members side by side."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+from jax.stages import Wrapped
+
+from graphrl_jax.experiment import batching, sharding
+from graphrl_jax.experiment.environments import TrainingParams, training_environment_of
+from graphrl_jax.experiment.keys import RunStage, stage_key
+from graphrl_jax.experiment.run_directory import Run, RunError
+from graphrl_jax.experiment.settings import Settings
+from graphrl_jax.pretrain.trainer import pooling_params
+from graphrl_jax.progress import Progress
+from graphrl_jax.rl import ppo
+from graphrl_jax.rl.config import PPOHyper
+from graphrl_jax.rl.ppo import TrainState, as_float32
+from graphrl_jax.runtime import jit_physics
+from graphrl_jax.storage import (
+    has_generation,
+    load_generation,
+    load_tree,
+    read_json,
+    save_generation,
+    save_tree,
+    write_json,
+)
+from graphrl_jax.task import Task
+from graphrl_jax.viz import plots
+
+_MOST_BAD = {"bad_envs": 0.01, "skipped_steps": 0.1}
+"""Shares of control steps and of gradient steps that may fail before a training is stopped."""
+
+
+@dataclass(frozen=True)
+class PolicyJob:
+    """A policy to train on a reward, and the run folder for `policy.npz` and log lines."""
+
+    run: Run
+    settings: Settings
+    reward_params: Any
+
+
+class _Inputs(NamedTuple):
+    """Inputs of the training programs of one policy."""
+
+    hyper: PPOHyper
+    params: TrainingParams
+    key: jax.Array
+
+
+def train_policies(
+    jobs: Sequence[PolicyJob], task: Task, progress: Progress, folder: Path | None = None
+) -> list[tuple[Any, dict[str, Any]]]:
+    """Trains a policy for every job by PPO; continues from checkpoints if there are any.
+
+    Args:
+      jobs: jobs with the same reward and sizes.
+      task: task of all jobs.
+      progress: progress display.
+      folder: folder for checkpoints of several jobs; if None, the checkpoint is in the job's own folder.
+
+    Returns:
+      Per job the policy's parameters, and metrics: env_steps, train_steps_per_s.
+    """
+    programs = _Programs(jobs, task)
+    size = _group_size(programs, jobs, folder)
+    groups = batching.groups(range(len(jobs)), size)
+    progress.begin("training the policy", jobs[0].settings.updates * len(groups))
+    if len(jobs) > 1:
+        progress.note(f"{len(jobs)} policies, {size} side by side")
+    trained: dict[int, tuple[Any, dict[str, Any]]] = {}
+    for number, group in enumerate(groups):
+        checkpoint = jobs[0].run.path / "train_state.npz" if folder is None else folder / f"policies_{number}.npz"
+        training = _Group(jobs, group, programs, checkpoint, progress)
+        metrics = training.train()
+        trained |= {i: (policy, metrics) for i, policy in training.policies.items()}
+    for job in jobs:
+        plots.learning_curve(job.run.records("ppo"), job.run.figures / "learning_curve.png")
+    return [trained[i] for i in range(len(jobs))]
+
+
+class _Programs:
+    """The compiled programs of a set of jobs, by the number of members side by side."""
+
+    def __init__(self, jobs: Sequence[PolicyJob], task: Task):
+        settings = jobs[0].settings
+        self.config, self.updates = settings.ppo_config, settings.updates
+        self.chunk = min(settings.updates_per_chunk, settings.updates)
+        make_starts = jit_physics(task.training_starts)  # one program for all jobs
+        self.inputs = [
+            _Inputs(
+                as_float32(job.settings.ppo),
+                TrainingParams(as_float32(job.reward_params), _starts(make_starts, job)),
+                stage_key(job.settings.seed, RunStage.POLICY),
+            )
+            for job in jobs
+        ]
+        make_env = training_environment_of(task, settings.reward)
+        self._made = cache(lambda count: batching.policy_programs(self.config, make_env, count))
+        self.update = cache(self._update)
+
+    def init(self, count: int) -> Any:
+        """The program (params, key) -> state."""
+        return self._made(count)[0]
+
+    def _update(self, updates: int, count: int) -> Any:
+        """The compiled program of `updates` updates: (hyper, params, state) -> (state, metrics)."""
+        hyper, params, key = batching.stack(self.inputs[:count])
+        init, make_updates = self._made(count)
+        return make_updates(updates).lower(hyper, params, init.eval_shape(params, key)).compile()
+
+
+def _starts(make_starts: Wrapped, job: PolicyJob) -> Any:
+    """The training starts of a run, kept in its folder: another machine would resume from others."""
+    kept, settings = job.run.path / "starts.npz", job.settings
+    inputs = stage_key(settings.seed, RunStage.STARTS), pooling_params(settings.pretrain_config, settings.pretrain)
+    if kept.exists():
+        return load_tree(kept, make_starts.eval_shape(*inputs))
+    starts = make_starts(*inputs)
+    if starts is not None:
+        save_tree(kept, starts)
+    return starts
+
+
+def _group_size(programs: _Programs, jobs: Sequence[PolicyJob], folder: Path | None) -> int:
+    """Members per group: as many as fit into memory, or the group size of the folder's checkpoints.
+
+    Raises:
+      RunError: see `_refuse_lost_checkpoint`.
+    """
+    kept = None if folder is None else folder / "groups.json"
+    if kept is not None and kept.exists():
+        return read_json(kept)["size"]
+    size, _ = batching.fit(lambda count: programs.update(programs.chunk, count), len(jobs))
+    if kept is None:
+        _refuse_lost_checkpoint(jobs[0].run)
+    else:
+        write_json(kept, {"size": size})
+    return size
+
+
+def _refuse_lost_checkpoint(run: Run) -> None:
+    """Refuses a training that would start anew and overwrite a policy, such as that of a sweep's member.
+
+    Raises:
+      RunError: the folder has a policy but no checkpoint.
+    """
+    if (run.path / "policy.npz").exists() and not has_generation(run.path / "train_state.npz"):
+        raise RunError(
+            f"{run.path} holds policy.npz, but no train_state.npz to go on from; a sweep is resumed as a whole"
+        )
+
+
+class _Group:
+    """Members that train side by side in one program.
+
+    Attributes:
+      policies: parameters of the latest policies by job.
+    """
+
+    def __init__(
+        self, jobs: Sequence[PolicyJob], group: Sequence[int], programs: _Programs, checkpoint: Path, progress: Progress
+    ):
+        self.jobs, self.group, self.programs = jobs, group, programs
+        self.checkpoint, self.progress = checkpoint, progress
+        self.policies: dict[int, Any] = {}
+        self.size = len(group)
+
+    def train(self) -> dict[str, Any]:
+        """Trains from the checkpoint to the end; returns env_steps, and the rate without the warm-up chunk."""
+        config, updates, chunk = self.programs.config, self.programs.updates, self.programs.chunk
+        inputs, state, done = self._start()
+        self.progress.advance(done)
+        seconds, timed, since = 0.0, 0, done
+        while done < updates:
+            count = min(chunk, updates - done)
+            program = self.programs.update(count, self.size)
+            started = time.perf_counter()
+            state, metrics = program(inputs.hyper, inputs.params, state)
+            records = self._averages(metrics)
+            elapsed = time.perf_counter() - started
+            done += count
+            if done > since + count or count == updates - since:  # without the first chunk, a warm-up
+                seconds, timed = seconds + elapsed, timed + count
+            self._log(records, done, count, self.size * count * config.steps_per_update / elapsed)
+            self._refuse_divergence(records, done)
+            self._save(sharding.to_host(state))
+        rate = self.size * timed * config.steps_per_update / seconds if seconds else None
+        return {"env_steps": done * config.steps_per_update, "train_steps_per_s": rate}
+
+    def _start(self) -> tuple[_Inputs, TrainState, int]:
+        """The placed inputs, the state of the checkpoint or a new one, and updates done."""
+        mesh = sharding.mesh_for(self.size, self.programs.config.num_envs)
+        stacked = batching.stack([self.programs.inputs[i] for i in self.group])
+        inputs = sharding.put(stacked, sharding.per_member(mesh, self.size))
+        state = self.programs.init(self.size)(inputs.params, inputs.key)
+        kept = self._kept(state)
+        done = sharding.agreed(0 if kept is None else int(np.ravel(kept.updates)[0]), "progress of the training")
+        if kept is not None:
+            state = sharding.put(kept, sharding.of_train_state(mesh, self.size))
+            # The run may have been interrupted after the checkpoint and before the policies were written.
+            self._save_policies(kept)
+        for i in set(self.group):
+            self.jobs[i].run.forget_after("ppo", "update", done)
+        return inputs, state, done
+
+    def _kept(self, like: TrainState) -> TrainState | None:
+        """The state of the checkpoint, if there is one."""
+        if not has_generation(self.checkpoint):
+            return None
+        state, lost = load_generation(self.checkpoint, like)
+        if lost:
+            self.progress.note(lost)
+        return state
+
+    def _averages(self, metrics: ppo.Metrics) -> list[dict[str, np.ndarray]]:
+        """Means over a chunk for each member; fetching them waits for the program."""
+        members = batching.unstack(jax.tree.map(np.asarray, metrics), self.size)
+        return [ppo.average_metrics(member) for member in members]
+
+    def _refuse_divergence(self, records: list[dict[str, np.ndarray]], done: int) -> None:
+        """Stops a training of which too much is not finite; its last checkpoint stays.
+
+        Raises:
+          RunError: see above.
+        """
+        for i, record in batching.each_once(self.group, records):
+            for name, most in _MOST_BAD.items():
+                if not record[name] <= most:
+                    raise RunError(
+                        f"the training in {self.jobs[i].run.path} diverges: {name} is {float(record[name]):.3g} up to "
+                        f"update {done} (allowed: {most}); metrics.jsonl shows since when, and --resume goes on from "
+                        f"the last checkpoint"
+                    )
+
+    def _log(self, records: list[dict[str, np.ndarray]], done: int, count: int, steps_per_s: float) -> None:
+        env_steps = done * self.programs.config.steps_per_update
+        for i, record in batching.each_once(self.group, records):
+            where = {"stage": "ppo", "update": done, "env_steps": env_steps, "steps_per_s": steps_per_s}
+            self.jobs[i].run.log({**where, **{name: float(value) for name, value in record.items()}})
+        shown = [name for name in ("success", "score", "reward") if name in records[0]]
+        means = {name: float(np.nanmean([record[name] for record in records])) for name in shown}
+        self.progress.advance(count, **{"steps/s": steps_per_s}, **means)
+
+    def _save(self, state: TrainState) -> None:
+        """Writes the checkpoint, then the policies."""
+        save_generation(self.checkpoint, state)
+        self._save_policies(state)
+
+    def _save_policies(self, state: TrainState) -> None:
+        """Writes `policy.npz` for every member; `state` is on the host."""
+        self.policies = dict(batching.each_once(self.group, batching.unstack(ppo.policy_params(state), self.size)))
+        for i, policy in self.policies.items():
+            save_tree(self.jobs[i].run.path / "policy.npz", policy)

@@ -1,0 +1,1 @@
+"""Pretraining of an encoder on demonstrations by soft TCC plus reconstruction."""

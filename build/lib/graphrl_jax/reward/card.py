@@ -1,0 +1,126 @@
+"""The card of a reward model: what it takes, and what it has learned from. It travels with the model in one folder:
+
+config.json          the card, beside whatever else the folder's maker keeps there
+model.safetensors    the parameters
+README.md            the card and the model's numbers, for people
+"""
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from graphrl_jax.encoder.config import ActivityRule, EncoderConfig
+from graphrl_jax.graph import ObjectTable
+from graphrl_jax.runtime import versions
+from graphrl_jax.storage import StorageError, from_plain, read_json, write_atomically, write_json
+
+CONFIG, MODEL, README = "config.json", "model.safetensors", "README.md"
+_ENTRY = "reward_model"
+
+
+@dataclass(frozen=True)
+class Card:
+    """What a reward model takes, and what it has learned from; all static.
+
+    Attributes:
+      objects: the object in each node slot.
+      frame_rate: frames per second.
+      encoder: kind and sizes of the encoder.
+      activity: rule by which an object becomes active.
+      task: name of the task.
+      source: of the demonstrations.
+      demonstrations: number of successes that it has learned from.
+      end_reward: a recording that ends with at least this reward looks like success; 95 % of the successes end above it
+        by at least a tenth of the way from start to goal.
+    """
+
+    objects: ObjectTable
+    frame_rate: float
+    encoder: EncoderConfig
+    activity: ActivityRule
+    task: str
+    source: str
+    demonstrations: int
+    end_reward: float
+
+
+def write_card(folder: Path, card: Card, numbers: Mapping[str, Any]) -> None:
+    """Writes the card into a folder's config.json, whose other entries stay, and README.md.
+
+    Args:
+      folder: folder of the model.
+      card: the card.
+      numbers: measures of the model by name, such as its audit; those that are no numbers are left out.
+    """
+    path = folder / CONFIG
+    others = read_json(path) if path.exists() else {}
+    write_json(path, {**others, _ENTRY: asdict(card)})
+    text = _text(card, numbers)
+    write_atomically(folder / README, lambda temporary: temporary.write_text(text))
+
+
+def read_card(folder: Path) -> Card:
+    """The card of the reward model in a folder.
+
+    Raises:
+      StorageError: there is none, or it is damaged; the message names the file and the field.
+    """
+    path = folder / CONFIG
+    if not path.exists():
+        raise StorageError(f"{path} is missing: {folder} holds no reward model")
+    content = read_json(path)
+    if not isinstance(content, Mapping) or _ENTRY not in content:
+        raise StorageError(f"{path} has no {_ENTRY}: {folder} holds no reward model, or one that is not finished")
+    try:
+        return from_plain(Card, content[_ENTRY], str(path))
+    except ValueError as error:
+        raise StorageError(f"{path}: {error}" if str(path) not in str(error) else str(error)) from error
+
+
+def without_card(config: Mapping[str, Any]) -> dict[str, Any]:
+    """The entries of a config.json that are not the card's."""
+    return {name: value for name, value in config.items() if name != _ENTRY}
+
+
+def _text(card: Card, numbers: Mapping[str, Any]) -> str:
+    objects = card.objects
+    kinds = zip(objects.is_robot, objects.is_fixture, objects.is_articulated, strict=True)
+    names = [
+        "robot" if robot else "fixture" if fixture else "articulated" if articulated else "free"
+        for robot, fixture, articulated in kinds
+    ]
+    classes = [objects.class_names[number] for number in objects.class_ids]
+    rows = [f"| {name} | {label} | {kind} |" for name, label, kind in zip(objects.names, classes, names, strict=True)]
+    measured = [f"| {name} | {value:.4g} |" for name, value in numbers.items() if type(value) in (int, float)]
+    used = ", ".join(f"{name} {version}" for name, version in versions().items())
+    return f"""# Reward model for {card.task}
+
+It gives each frame of a recording a reward: about -1 at the start of the task, 0 at its goal. It takes the objects'
+boxes at {card.frame_rate:g} frames per second{_of_images(card)}.
+
+It has learned from {card.demonstrations} successful demonstrations ({card.source}). A recording that ends with a reward
+of at least {card.end_reward:.3g} looks like success.
+
+| object | class | kind |
+|---|---|---|
+{chr(10).join(rows)}
+
+| measure | value |
+|---|---|
+{chr(10).join(measured)}
+
+```python
+from graphrl_jax import RewardModel
+
+model = RewardModel.load("this/folder")
+rewards = model.rewards(boxes, mask)  # (T, N, 4) and (T, N) -> (T,)
+```
+
+Encoder: {card.encoder.kind}, {card.encoder.embedding} dimensions. Made with {used}.
+"""
+
+
+def _of_images(card: Card) -> str:
+    size = card.encoder.image_size
+    return "" if size is None else f", as images of {size} x {size} pixels"

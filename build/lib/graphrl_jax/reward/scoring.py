@@ -1,0 +1,98 @@
+"""Scores of a recording under a reward model: a curve of progress, and what it says about the whole recording."""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from graphrl_jax.graph import activity, safe_norm
+from graphrl_jax.reward.alignment import value_order_correlation
+from graphrl_jax.reward.model import RewardModel
+from graphrl_jax.reward.subtasks import rests
+
+STALL_S, STALL_GAIN = 2.0, 0.02
+"""A stall lasts at least so many seconds in which progress stays below the best so far plus this gain."""
+
+
+class Curve(NamedTuple):
+    """Scores of every frame of a recording.
+
+    | field    | shape  | dtype   | meaning                                                    |
+    |----------|--------|---------|------------------------------------------------------------|
+    | distance | (T,)   | float32 | of the embedding to the goal's, without kappa              |
+    | reward   | (T,)   | float32 | Eq. 3                                                      |
+    | progress | (T,)   | float32 | 1 plus the reward, from 0 to 1                             |
+    | subtask  | (T,)   | int64   | number of the subtask, from 0                              |
+    | active   | (T, N) | bool    | objects that have moved                                    |
+    | found    | (T, N) | bool    | objects that were seen                                     |
+    """
+
+    distance: np.ndarray
+    reward: np.ndarray
+    progress: np.ndarray
+    subtask: np.ndarray
+    active: np.ndarray
+    found: np.ndarray
+
+
+def score(model: RewardModel, boxes: np.ndarray, mask: np.ndarray) -> Curve:
+    """The curve of a recording.
+
+    Args:
+      model: a reward model of graphs, with a card.
+      boxes: (T, N, 4) float32, in the order of the card's objects, at its frame rate.
+      mask: (T, N) bool, False where an object was not seen.
+
+    Raises:
+      ValueError: see `RewardModel.embed_recording`.
+    """
+    boxes, mask = np.asarray(boxes, np.float32), np.asarray(mask, bool)
+    embeddings = model.embed_recording(boxes, mask)
+    distance = safe_norm(embeddings - model.goal[None])
+    reward = np.asarray(model.value(distance))
+    subtask = np.zeros(len(boxes), np.int64)
+    for boundary in rests(np.asarray(embeddings), 1 / float(model.kappa)):
+        subtask[boundary:] += 1
+    active = activity(jnp.asarray(boxes), jnp.asarray(mask), model.pooling.tau, model.pooling.activity)
+    return Curve(np.asarray(distance), reward, np.clip(1 + reward, 0, 1), subtask, np.asarray(active), mask)
+
+
+def summary(model: RewardModel, curve: Curve) -> dict[str, Any]:
+    """What a curve says about its recording.
+
+    Returns:
+      frames, seconds; final_progress; value_order_correlation with time; looks_like_success, whether the last reward is
+      as high as at the ends of the demonstrations (`Card.end_reward`); stalls, from and to in seconds; subtasks, first
+      frames of all but the first; coverage, the share of frames in which each object was seen, by name.
+
+    Raises:
+      ValueError: the model has no card.
+    """
+    card = model.card
+    if card is None:
+        raise ValueError("a summary needs a reward model with a card")
+    length = len(curve.reward)
+    stalls = [(first / card.frame_rate, end / card.frame_rate) for first, end in _stalls(curve, card.frame_rate)]
+    return {
+        "frames": length,
+        "seconds": length / card.frame_rate,
+        "final_progress": float(curve.progress[-1]),
+        "value_order_correlation": float(value_order_correlation(curve.reward[None], np.array([length]))[0]),
+        "looks_like_success": bool(curve.reward[-1] >= card.end_reward),
+        "stalls": stalls,
+        "subtasks": [int(frame) for frame in np.flatnonzero(np.diff(curve.subtask)) + 1],
+        "coverage": dict(zip(card.objects.names, curve.found.mean(axis=0).round(4).tolist(), strict=True)),
+    }
+
+
+def _stalls(curve: Curve, frame_rate: float) -> list[tuple[int, int]]:
+    """First and end frames of the spans without a gain; being finished is no stall."""
+    best, since, found = -np.inf, 0, []
+    for frame, progress in enumerate(curve.progress):
+        if progress > best + STALL_GAIN:
+            found.append((since, frame))
+            best, since = progress, frame
+    # After the last gain, a recording is either finished or stalls to its end.
+    if best < 1 - STALL_GAIN:
+        found.append((since, len(curve.progress)))
+    return [(first, end) for first, end in found if end - first >= STALL_S * frame_rate]

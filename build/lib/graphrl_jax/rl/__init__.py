@@ -1,0 +1,1 @@
+"""Reinforcement learning: reward wrappers, PPO, and rollouts of a policy."""

@@ -1,0 +1,66 @@
+"""Brax's policy and value networks, their initialisation, and inference.
+
+Symbols: O observation size, A action size.
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from brax.training.acme import running_statistics
+from brax.training.agents.ppo import losses, networks
+from brax.training.networks import ACTIVATION
+
+from graphrl_jax.rl.config import PPOConfig
+
+Policy = Callable[[Any, jax.Array, jax.Array], jax.Array]
+
+# Normalised observations are clipped: a flag that was never on has almost no variance (only `ppo`'s floor), so that
+# its first change would otherwise be an observation of 100.
+_MAX_NORMALISED_OBSERVATION = 10.0
+
+
+def make_networks(config: PPOConfig, observation_size: int, action_size: int) -> networks.PPONetworks:
+    """Brax's policy (normal, then tanh) and value network, both on normalised observations."""
+    return networks.make_ppo_networks(
+        observation_size,
+        action_size,
+        preprocess_observations_fn=partial(running_statistics.normalize, max_abs_value=_MAX_NORMALISED_OBSERVATION),
+        policy_hidden_layer_sizes=config.policy_hidden,
+        value_hidden_layer_sizes=config.value_hidden,
+        activation=ACTIVATION[config.activation],
+    )
+
+
+def init_params(key: jax.Array, config: PPOConfig, observation_size: int, action_size: int) -> losses.PPONetworkParams:
+    """Random parameters; the policy starts near mean 0 and standard deviation `config.initial_std`, before the tanh."""
+    policy_key, value_key = jax.random.split(key)
+    network = make_networks(config, observation_size, action_size)
+    policy = _with_initial_std(network.policy_network.init(policy_key), len(config.policy_hidden), config.initial_std)
+    return losses.PPONetworkParams(policy=policy, value=network.value_network.init(value_key))
+
+
+def make_inference(config: PPOConfig, observation_size: int, action_size: int, deterministic: bool = True) -> Policy:
+    """A function (policy_params, observation (..., O), key) -> action (..., A) in [-1, 1]."""
+    make_policy = networks.make_inference_fn(make_networks(config, observation_size, action_size))
+
+    def act(params: Any, observation: jax.Array, key: jax.Array) -> jax.Array:
+        return make_policy(params, deterministic)(observation, key)[0]
+
+    return act
+
+
+def _with_initial_std(params: Any, num_hidden: int, initial_std: jax.Array | float) -> Any:
+    """Sets the policy near mean 0 and the given standard deviation for every observation.
+
+    The last layer (named by Brax) outputs means and raw deviations; Brax's distribution takes softplus(raw) + 0.001 as
+    the standard deviation.
+    """
+    name = f"hidden_{num_hidden}"
+    layer = params["params"][name]
+    raw = jnp.log(jnp.expm1(initial_std - 0.001))
+    half = layer["bias"].shape[0] // 2
+    layer = {"kernel": 0.01 * layer["kernel"], "bias": layer["bias"].at[half:].set(raw)}
+    return {**params, "params": {**params["params"], name: layer}}

@@ -1,0 +1,158 @@
+"""Rollouts of a fixed policy: the outcomes of episodes or all their frames, each in one compiled program."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from brax.envs.base import State
+from brax.envs.wrappers.training import VmapWrapper
+
+from graphrl_jax.demonstrations import reached_for_good
+from graphrl_jax.rl.config import PPOConfig
+from graphrl_jax.rl.networks import make_inference
+from graphrl_jax.rl.ppo import OUTCOMES, MakeEnv
+from graphrl_jax.rl.wrappers import episodic
+from graphrl_jax.runtime import jit_physics
+from graphrl_jax.task import Task
+
+
+def episode_outcomes(
+    config: PPOConfig,
+    make_env: MakeEnv,
+    reward_params: Any,
+    policy_params: Any,
+    key: jax.Array,
+    num_episodes: int,
+    deterministic: bool = True,
+    events: Callable[[State], jax.Array] | None = None,
+) -> dict[str, jax.Array]:
+    """Outcomes of one episode in each of `num_episodes` environments, from new resets, side by side. Pure.
+
+    Args:
+      config: configuration of the training run; sets the networks' sizes and the episode's length.
+      make_env, reward_params: as for `ppo.init`; they define the reward of the return.
+      policy_params: see `ppo.policy_params`.
+      key: typed key; the same key gives the same episodes.
+      num_episodes: static.
+      deterministic: act by the distribution's mode instead of a sample; static.
+      events: function from a state to (E,) bool, such as `Task.events`; static.
+
+    Returns:
+      (num_episodes,) float32 for each of `ppo.OUTCOMES` that the environment reports: `success` and `score` of the
+      last state, `episode_return`, `episode_length`. With `events`, also those of the last state: (num_episodes, E).
+    """
+    env = VmapWrapper(episodic(make_env(reward_params), config))
+    reset_key, act_key = jax.random.split(key)
+    state = env.reset(jax.random.split(reset_key, num_episodes))
+    act = make_inference(config, state.obs.shape[-1], env.action_size, deterministic)
+
+    def outcomes_of(state: State) -> dict[str, jax.Array]:
+        found = {name: state.metrics[name] for name in OUTCOMES if name in state.metrics}
+        return found if events is None else {**found, "events": jax.vmap(events)(state)}
+
+    def choose(running: jax.Array, new: Any, old: Any) -> Any:
+        return jax.tree.map(partial(jnp.where, running), new, old)
+
+    def step(carry: tuple, key: jax.Array) -> tuple:
+        state, running, outcomes = carry
+        state = env.step(_not_done(state), act(policy_params, state.obs, key))
+        # Steps after the end of an episode are ignored.
+        outcomes = jax.vmap(choose)(running, outcomes_of(state), outcomes)
+        return (state, running & (state.done == 0), outcomes), None
+
+    carry = (_not_done(state), jnp.ones(num_episodes, bool), outcomes_of(state))
+    decisions = config.episode_length // config.decision_steps
+    (_, _, outcomes), _ = jax.lax.scan(step, carry, jax.random.split(act_key, decisions))
+    return outcomes
+
+
+_STATIC = ("config", "make_env", "num_episodes", "deterministic", "events")
+evaluate = jit_physics(episode_outcomes, static_argnames=_STATIC)
+"""`episode_outcomes`, compiled. Inside another compiled program use `episode_outcomes`: it sets no compiler options."""
+
+
+def _not_done(state: State) -> State:
+    return state.replace(done=jnp.zeros_like(state.done))
+
+
+class Rollout(NamedTuple):
+    """All frames of B episodes.
+
+    | field   | shape        | dtype   | meaning                                                        |
+    |---------|--------------|---------|----------------------------------------------------------------|
+    | states  | (B, T, ...)  |         | leaves of the task's physics states                            |
+    | boxes   | (B, T, N, 4) | float32 | boxes in the graph                                             |
+    | mask    | (B, T, N)    | bool    | slots that are filled                                          |
+    | active  | (B, T, N)    | bool    | slots that have moved                                          |
+    | rewards | (B, T)       | float32 | the reward the policy was trained on                           |
+    | events  | (B, E)       | int32   | first frame from which each event held to the end, -1 for none |
+    """
+
+    states: Any
+    boxes: np.ndarray
+    mask: np.ndarray
+    active: np.ndarray
+    rewards: np.ndarray
+    events: np.ndarray
+
+
+def record(
+    task: Task,
+    config: PPOConfig,
+    make_env: MakeEnv,
+    reward_params: Any,
+    policy_params: Any,
+    key: jax.Array,
+    episodes: int,
+) -> Rollout:
+    """Runs whole episodes of the deterministic policy and keeps every frame.
+
+    Args:
+      task: task of the episodes; sets their length and events.
+      config, make_env, reward_params, policy_params, key: see `episode_outcomes`.
+      episodes: number of episodes.
+
+    Returns:
+      All frames on the host, see `Rollout`.
+    """
+
+    @partial(jit_physics, static_argnums=3)
+    def run(reward_params: Any, policy_params: Any, key: jax.Array, episodes: int) -> Any:
+        env = VmapWrapper(make_env(reward_params))
+        state = env.reset(jax.random.split(key, episodes))
+        act = make_inference(config, state.obs.shape[-1], env.action_size, deterministic=True)
+
+        def decide(state: Any, key: jax.Array) -> Any:
+            action = act(policy_params, state.obs, key)
+            return jax.lax.scan(partial(control, action), state, length=config.decision_steps)
+
+        def control(action: jax.Array, state: Any, _: None) -> Any:
+            state = env.step(state, action)
+            info = state.info
+            frame = (state.pipeline_state, info["boxes"], info["mask"], info["active"], state.reward)
+            return state, (*frame, jax.vmap(task.events)(state))
+
+        _, frames = jax.lax.scan(decide, state, jax.random.split(key, task.episode_length // config.decision_steps))
+        return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]).swapaxes(0, 1), frames)
+
+    *frames, events = jax.tree.map(np.asarray, run(reward_params, policy_params, key, episodes))
+    return Rollout(*frames, events=reached_for_good(events))
+
+
+def draw_rollout(task: Task, rollout: Rollout) -> np.ndarray:
+    """Video frames of the episodes one after the other, drawn by the task: (frames, H, W, 3) uint8."""
+    episodes = [
+        task.draw_episode(
+            jax.tree.map(lambda leaf, i=i: leaf[i], rollout.states),
+            rollout.boxes[i],
+            rollout.mask[i],
+            rollout.active[i],
+            rollout.rewards[i],
+            f"episode {i + 1}",
+        )
+        for i in range(len(rollout.rewards))
+    ]
+    return np.concatenate(episodes)

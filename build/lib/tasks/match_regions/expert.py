@@ -1,0 +1,324 @@
+"""The scripted expert: grips blocks and drags them to the goals of its plan, in one batched program.
+
+A plan is a list of jobs (a block and its goal). Successes and all kinds of deliberate failure differ only in their
+jobs. A job has seven phases: approach a point beside the block, face it, advance, grip, drag it backwards to its goal,
+release and back off. Plans vary in order, speed, pauses, approach, noise and final placements.
+"""
+
+from dataclasses import replace
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from graphrl_jax.demonstrations import Demonstrations, reached_for_good
+from graphrl_jax.runtime import jit_physics
+from tasks.collect import collect
+from tasks.match_regions import geometry, raster
+from tasks.match_regions.env import MatchRegionsEnv
+from tasks.match_regions.layouts import NUM_TARGETS, World, blocks
+from tasks.match_regions.model import CONTROL_DT
+from tasks.match_regions.objects import class_ids
+from tasks.match_regions.observation import TURN_RATE
+from tasks.match_regions.state import PhysicsState, placed_targets, score
+
+APPROACH, FACE, ADVANCE, GRIP, DRAG, RELEASE, BACK_OFF = range(7)
+STANDOFF = 0.58
+HELD_DISTANCE = 0.335
+AVOID_DISTANCE = 0.6
+CLEAR_DISTANCE = 0.52
+MAX_JOBS = 2
+TAIL_FRAMES = 4
+# Distance of goals from the region's border; a goal is the nearest such place to the target.
+_INSET = 0.12
+_APART = 0.3
+_AT_WALL = 0.78
+_OPEN_PLACE = 0.85
+BATCH, MAX_BATCHES = 64, 16
+FAILURES = ("one_target", "distractor_in", "target_out", "corner", "bystander", "touched", "nothing")
+"""Kinds of deliberate failure: only one target placed; a distractor dragged in instead of the second target; a target
+placed and dragged out again; a target dragged past the region into a corner; one target placed and then a distractor
+dragged elsewhere; both targets only set in motion; nothing touched. `bystander` and `touched` score well under rewards
+that take activity for progress."""
+
+
+_KINDS_OF_TWO = [1 + FAILURES.index(name) for name in ("one_target", "touched")]
+_KINDS_OF_DISTRACTORS = [1 + FAILURES.index(name) for name in ("distractor_in", "bystander")]
+
+
+class Plan(NamedTuple):
+    """The plan of one episode.
+
+    | field    | shape  | meaning                                                        |
+    |----------|--------|----------------------------------------------------------------|
+    | block    | (J,)   | int32, index of the block of each job                          |
+    | goal     | (J, 2) | goal of the block                                              |
+    | jobs     | ()     | int32, number of the J jobs to do                              |
+    | speed    | ()     | share of full speed                                            |
+    | side     | (J,)   | radians by which the approach deviates from the straight drag  |
+    | pause    | ()     | int32, idle steps before each job                              |
+    | noise    | ()     | standard deviation of the noise on speed and turn              |
+    """
+
+    block: jax.Array
+    goal: jax.Array
+    jobs: jax.Array
+    speed: jax.Array
+    side: jax.Array
+    pause: jax.Array
+    noise: jax.Array
+
+
+class PlanState(NamedTuple):
+    """Progress in a plan: job, phase, and steps spent in the phase; all () int32."""
+
+    job: jax.Array
+    phase: jax.Array
+    timer: jax.Array
+
+
+def draw_plan(key: jax.Array, kind: jax.Array, qpos: jax.Array, world: World) -> Plan:
+    """A random plan for the blocks at `qpos`; `kind` () int32 is 0 for success, k for `FAILURES[k - 1]`."""
+    order_key, goal_key, speed_key, side_key, pause_key, noise_key, distractor_key = jax.random.split(key, 7)
+    targets = world.present[:NUM_TARGETS].sum()
+    first = jnp.where(targets == 1, 0, jax.random.bernoulli(order_key)).astype(jnp.int32)
+    second = 1 - first
+    starts = blocks(qpos)[:NUM_TARGETS, :2]
+    goals = _goals(starts, world.region) + jax.random.uniform(goal_key, (2, 2), minval=-0.05, maxval=0.05)
+    others = world.present & (jnp.arange(world.present.shape[0]) >= NUM_TARGETS)
+    distractor = jax.random.categorical(distractor_key, jnp.where(others, 0.0, -jnp.inf))
+    outside, corner = _outside(world.region), _corner(world.region)
+    aside = outside[1]
+    nudged = starts + 0.3 * jax.vmap(_unit)(goals - starts)
+    both, one_of_each = jnp.array([first, second]), jnp.array([first, distractor])
+    jobs = [  # blocks, goals and number of jobs: success, then `FAILURES`
+        (both, goals[both], targets),
+        (both, goals[both], 1),
+        (one_of_each, goals[both], 2),
+        (jnp.array([first, first]), jnp.stack([goals[first], outside[first]]), 2),
+        (both, jnp.stack([corner, corner]), 1),
+        (one_of_each, jnp.stack([goals[first], aside]), 2),
+        (both, nudged[both], 2),
+        (both, goals[both], 0),
+    ]
+    block, goal, count = (jnp.stack([jnp.asarray(part) for part in parts])[kind] for parts in zip(*jobs, strict=True))
+    return Plan(
+        block=block,
+        goal=goal,
+        jobs=count,
+        speed=jax.random.uniform(speed_key, minval=0.9, maxval=1.0),
+        side=jax.random.uniform(side_key, (MAX_JOBS,), minval=-0.1, maxval=0.1),
+        pause=jax.random.randint(pause_key, (), 0, 3),
+        noise=jax.random.uniform(noise_key, minval=0.0, maxval=0.08),
+    )
+
+
+def _goals(starts: jax.Array, region: jax.Array) -> jax.Array:
+    """Goals of targets at `starts` (2, 2): the nearest places well inside the region, apart from each other."""
+    low, high = geometry.region_corners(region)
+    nearest = jnp.clip(starts, (low + _INSET)[None], (high - _INSET)[None])
+    opposite = low + high - nearest[0]
+    close = jnp.linalg.norm(nearest[1] - nearest[0]) < _APART
+    return nearest.at[1].set(jnp.where(close, opposite, nearest[1]))
+
+
+def _outside(region: jax.Array) -> jax.Array:
+    """Two places beside the region, on its roomier sides: (2, 2)."""
+    low, high = geometry.region_corners(region)
+    centre = (low + high) / 2
+    beside = jnp.clip(jnp.where(centre > 0, low - _APART, high + _APART), -_OPEN_PLACE, _OPEN_PLACE)
+    return jnp.stack([jnp.stack([centre[0], beside[1]]), jnp.stack([beside[0], centre[1]])])
+
+
+def _corner(region: jax.Array) -> jax.Array:
+    """The corner of the arena behind the region: (2,)."""
+    return _OPEN_PLACE * jnp.where(geometry.region_centre(region) > 0, 1.0, -1.0)
+
+
+def begin() -> PlanState:
+    """The plan state at the start of an episode."""
+    zero = jnp.zeros((), jnp.int32)
+    return PlanState(zero, zero, zero)
+
+
+def act(
+    plan: Plan, plan_state: PlanState, qpos: jax.Array, region: jax.Array, key: jax.Array
+) -> tuple[PlanState, jax.Array]:
+    """One decision of the expert at `qpos` (5 + 3M,): the next plan state and an action (3,)."""
+    job = jnp.minimum(plan_state.job, MAX_JOBS - 1)
+    block = blocks(qpos)[plan.block[job], :2]
+    goal = plan.goal[job]
+    robot, ahead = qpos[:2], geometry.heading(qpos[2])
+    way_out = geometry.rotation(plan.side[job]) @ _unit(goal - block)
+    standoff = jnp.clip(block + STANDOFF * way_out, -0.79, 0.79)
+
+    cruise = _go_to(qpos, standoff)
+    facing = _bearing(ahead, block - robot)
+    rear = _bearing(-ahead, goal + 0.33 * _unit(goal - block) - robot)
+    turn_to_block, turn_rear = _turn(facing), _turn(rear)
+    held = jnp.linalg.norm(block - robot)
+    to_goal = jnp.linalg.norm(goal - block)
+    # A block has also arrived if it was dragged past its goal, or if it is inside with the robot at the wall.
+    stopped = (jnp.max(jnp.abs(robot)) > _AT_WALL) & geometry.inside_region(region, block)
+    arrived = (to_goal < 0.05) | ((to_goal < 0.25) & ((goal - block) @ ahead > -0.05)) | stopped
+    phase = plan_state.phase
+    by_phase = jnp.stack(
+        [
+            jnp.stack([cruise[0], cruise[1], -1.0]),
+            jnp.stack([0.0, turn_to_block, 1.0]),
+            jnp.stack([jnp.clip((held - 0.3) * 8, 0.4, 1.0) * jnp.exp(-((facing / 0.15) ** 2)), turn_to_block, 1.0]),
+            jnp.array([0.1, 0.0, -1.0]),
+            jnp.stack([-jnp.cos(rear), turn_rear * 0.6 * (to_goal > 0.2), -1.0]),
+            jnp.array([0.0, 0.0, 1.0]),
+            jnp.array([-1.0, 0.0, 1.0]),
+        ]
+    )
+    finished = jnp.stack(
+        [
+            (jnp.linalg.norm(standoff - robot) < 0.15) | (plan_state.timer > 40),
+            jnp.abs(facing) < 0.15,
+            (held < HELD_DISTANCE) | (plan_state.timer > 12),
+            plan_state.timer >= 2,
+            arrived | (plan_state.timer > 40) | (held > 0.5),
+            plan_state.timer >= 1,
+            (held > CLEAR_DISTANCE) | (plan_state.timer > 5),
+        ]
+    )
+    waiting = (phase == APPROACH) & (plan_state.timer < plan.pause)
+    done = plan_state.job >= plan.jobs
+    action = jnp.where(waiting | done, jnp.array([0.0, 0.0, 1.0]), by_phase[phase])
+    driving = jnp.isin(phase, jnp.array([APPROACH, ADVANCE, DRAG])) & ~waiting & ~done
+    noise = plan.noise * jax.random.normal(key, (2,)) * driving
+    action = jnp.clip(action.at[0].mul(plan.speed).at[:2].add(noise), -1.0, 1.0)
+
+    advance = finished[phase] & ~waiting & ~done
+    # A block that slipped away is approached again.
+    lost = (phase == DRAG) & ~arrived & (held > 0.5)
+    # After the last job the robot releases the block and stays.
+    last = (phase == RELEASE) & (job == plan.jobs - 1)
+    following = jnp.where((phase == BACK_OFF) | last | lost, APPROACH, phase + 1)
+    next_job = plan_state.job + (advance & ((phase == BACK_OFF) | last))
+    next_phase = jnp.where(advance, following, phase)
+    return PlanState(next_job, next_phase, jnp.where(advance, 0, plan_state.timer + 1)), action
+
+
+def _unit(vector: jax.Array) -> jax.Array:
+    return vector / jnp.maximum(jnp.linalg.norm(vector), 1e-6)
+
+
+def _bearing(ahead: jax.Array, direction: jax.Array) -> jax.Array:
+    """Signed angle from `ahead` to `direction`, counter-clockwise positive."""
+    return jnp.arctan2(ahead[0] * direction[1] - ahead[1] * direction[0], ahead @ direction)
+
+
+def _turn(bearing: jax.Array) -> jax.Array:
+    """Turn command that removes a bearing within a control step or two."""
+    return jnp.clip(bearing / (TURN_RATE * CONTROL_DT * 1.3), -1.0, 1.0)
+
+
+def _go_to(qpos: jax.Array, point: jax.Array) -> jax.Array:
+    """Speed and turn towards `point`, around the blocks on the way: (2,)."""
+    robot, ahead = qpos[:2], geometry.heading(qpos[2])
+    offset = robot[None] - blocks(qpos)[:, :2]
+    distance = jnp.linalg.norm(offset, axis=-1)
+    to_point = jnp.linalg.norm(point - robot)
+    push = jnp.maximum(0.0, AVOID_DISTANCE - distance) / AVOID_DISTANCE * jnp.minimum(1.0, to_point / 0.3)
+    away = offset / jnp.maximum(distance, 1e-6)[:, None]
+    # The sideways part leads towards the point and keeps the robot from stalling.
+    towards = _unit(point - robot)
+    sideways = jnp.stack([-away[:, 1], away[:, 0]], -1)
+    sideways = sideways * jnp.sign(sideways @ towards)[:, None]
+    in_the_way = jnp.maximum(0.0, 0.3 - away @ towards)
+    direction = towards + jnp.sum((push * in_the_way)[:, None] * (4.0 * away + 4.0 * sideways), axis=0)
+    bearing = _bearing(ahead, direction)
+    # Backing towards a near point is quicker than turning round.
+    backwards = (jnp.abs(bearing) > 2.0) & (to_point < 0.8)
+    bearing = jnp.where(backwards, _bearing(-ahead, direction), bearing)
+    speed = jnp.maximum(jnp.cos(bearing), 0.0) ** 2 * jnp.clip(to_point * 5, 0.3, 1.0)
+    return jnp.stack([jnp.where(backwards, -speed, speed), _turn(bearing)])
+
+
+@partial(jit_physics, static_argnums=0)
+def rollouts(task: MatchRegionsEnv, key: jax.Array, kinds: jax.Array) -> tuple[jax.Array, World, jax.Array]:
+    """Runs one episode of each kind in `kinds` (B,) side by side.
+
+    Returns:
+      qpos of every frame (B, T + 1, 5 + 3M), the scenes (B, ...), and the number of frames in which each plan was busy
+      (B,) int32.
+    """
+    reset_key, plan_key, act_key = jax.random.split(key, 3)
+    batch = kinds.shape[0]
+    physics = jax.vmap(lambda key: task.reset(key).pipeline_state)(jax.random.split(reset_key, batch))
+    plans = jax.vmap(draw_plan)(jax.random.split(plan_key, batch), kinds, physics.qpos, physics.world)
+    plan_state = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch,)), begin())
+
+    def step(carry: tuple[PhysicsState, PlanState], key: jax.Array) -> tuple:
+        physics, plan_state = carry
+        keys = jax.random.split(key, batch)
+        plan_state, actions = jax.vmap(act)(plans, plan_state, physics.qpos, physics.world.region, keys)
+        physics = jax.vmap(task.advance)(physics, actions)
+        return (physics, plan_state), (physics.qpos, plan_state.job < plans.jobs)
+
+    start, world = physics.qpos, physics.world
+    keys = jax.random.split(act_key, task.episode_length)
+    _, (qpos, busy) = jax.lax.scan(step, (physics, plan_state), keys)
+    frames = jnp.concatenate([start[None], qpos]).swapaxes(0, 1)
+    return frames, world, jnp.sum(busy, axis=0, dtype=jnp.int32)
+
+
+def demonstrate(
+    task: MatchRegionsEnv, key: jax.Array, successes: int, failures: int, image_size: int | None
+) -> Demonstrations:
+    """Runs the expert until it has demonstrations that really succeed and failures that really fail; see `collect`."""
+
+    def run(key: jax.Array, kinds: np.ndarray) -> tuple[tuple[np.ndarray, World, np.ndarray], np.ndarray]:
+        episodes = jax.tree.map(np.asarray, rollouts(task, key, jnp.asarray(kinds)))
+        qpos, world, _ = episodes
+        solved = np.asarray(jax.vmap(score)(qpos[:, -1], world)) == 1.0
+        # A failure without the blocks of its kind counts as solved, so that it is dropped.
+        lacking = ~world.present[:, 1] & np.isin(kinds, _KINDS_OF_TWO)
+        lacking |= ~world.present[:, NUM_TARGETS:].any(1) & np.isin(kinds, _KINDS_OF_DISTRACTORS)
+        return episodes, solved | lacking
+
+    batches = max(MAX_BATCHES, 8 * (successes + failures) // BATCH)
+    (qpos, world, busy), kinds = collect(run, key, successes, failures, len(FAILURES), BATCH, batches)
+    demos = _as_demonstrations(task, qpos, world, busy, kinds)
+    return demos if image_size is None else replace(demos, frames=_images(qpos, world, image_size))
+
+
+def _images(qpos: np.ndarray, world: World, size: int) -> np.ndarray:
+    """Images (B, T, size, size, 3) uint8 of episodes."""
+
+    def draw(qpos: jax.Array, world: World) -> jax.Array:
+        return jnp.round(255 * raster.image(qpos, world, size)).astype(jnp.uint8)
+
+    drawn = jax.jit(jax.vmap(draw, in_axes=(0, None)))
+    return np.stack([drawn(frames, jax.tree.map(lambda leaf, i=i: leaf[i], world)) for i, frames in enumerate(qpos)])
+
+
+def _as_demonstrations(
+    task: MatchRegionsEnv, qpos: np.ndarray, world: World, busy: np.ndarray, kinds: np.ndarray
+) -> Demonstrations:
+    every_frame = (0, None)
+    found, mask = jax.jit(jax.vmap(jax.vmap(task.scene_boxes, every_frame)))(qpos, world)
+    placed = np.asarray(jax.vmap(jax.vmap(placed_targets, every_frame))(qpos, world))
+    reached = np.concatenate([placed, placed.all(-1, keepdims=True)], -1)
+    # A plan without jobs lasts for the whole episode; its robot stands still.
+    lengths = np.where(kinds == 1 + FAILURES.index("nothing"), qpos.shape[1], busy + TAIL_FRAMES)
+    lengths = np.minimum(lengths, qpos.shape[1]).astype(np.int32)
+    return Demonstrations(
+        boxes=np.asarray(found),
+        mask=np.asarray(mask),
+        lengths=lengths,
+        success=kinds == 0,
+        objects=task.objects,
+        frame_rate=task.frame_rate,
+        source="scripted expert",
+        task=task.name,
+        classes=None if task.layout.fixed else np.asarray(jax.vmap(class_ids)(world)),
+        events=reached_for_good(reached, lengths),
+        event_names=task.event_names,
+        kinds=np.array(("success", *FAILURES))[kinds],
+    )
