@@ -34,7 +34,9 @@ from graphrl_jax.storage import read_json, write_json
 DESK = Path("docs/examples/desk")
 NEW_VIDEOS = {"both": 6, "cup": 3, "nothing": 3}
 """Videos to score: both jobs done, one of them, none."""
-MEASURES = ("final_progress", "value_order_correlation", "looks_like_success")
+MEASURES = (
+    "final_progress", "value_order_correlation", "value_order_before_rest", "rest", "looks_like_success",
+)  # fmt: skip
 PARTS = ("desk", "human")
 
 

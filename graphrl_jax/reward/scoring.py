@@ -2,9 +2,10 @@
 
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 
+from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.graph import activity, safe_norm
 from graphrl_jax.reward.alignment import value_order_correlation
 from graphrl_jax.reward.model import RewardModel
@@ -25,6 +26,7 @@ class Curve(NamedTuple):
     | subtask  | (T,)   | int64   | number of the subtask, from 0                              |
     | active   | (T, N) | bool    | objects that have moved                                    |
     | found    | (T, N) | bool    | objects that were seen                                     |
+    | rest     | ()     | int     | frame from which on no object but the robot moves          |
     """
 
     distance: np.ndarray
@@ -33,6 +35,7 @@ class Curve(NamedTuple):
     subtask: np.ndarray
     active: np.ndarray
     found: np.ndarray
+    rest: int
 
 
 def score(model: RewardModel, boxes: np.ndarray, mask: np.ndarray) -> Curve:
@@ -53,17 +56,29 @@ def score(model: RewardModel, boxes: np.ndarray, mask: np.ndarray) -> Curve:
     subtask = np.zeros(len(boxes), np.int64)
     for boundary in rests(np.asarray(embeddings), 1 / float(model.kappa)):
         subtask[boundary:] += 1
-    active = activity(jnp.asarray(boxes), jnp.asarray(mask), model.pooling.tau, model.pooling.activity)
-    return Curve(np.asarray(distance), reward, np.clip(1 + reward, 0, 1), subtask, np.asarray(active), mask)
+    active, backwards = (
+        np.asarray(_activity(*rows, model.pooling)) for rows in ((boxes, mask), (boxes[::-1], mask[::-1]))
+    )
+    # In backward order, an object is active as soon as it is away from its last place.
+    moving = backwards[::-1, ~np.array(model.card.objects.is_robot)].any(axis=1)
+    rest = int(np.flatnonzero(moving).max(initial=-1)) + 1
+    return Curve(np.asarray(distance), reward, np.clip(1 + reward, 0, 1), subtask, active, mask, rest)
+
+
+@jax.jit
+def _activity(boxes: jax.Array, mask: jax.Array, pooling: PoolingParams) -> jax.Array:
+    return activity(boxes, mask, pooling.tau, pooling.activity)
 
 
 def summary(model: RewardModel, curve: Curve) -> dict[str, Any]:
     """What a curve says about its recording.
 
     Returns:
-      frames, seconds; final_progress; value_order_correlation with time; looks_like_success, whether the last reward is
-      as high as at the ends of the demonstrations (`Card.end_reward`); stalls, from and to in seconds; subtasks, first
-      frames of all but the first; coverage, the share of frames in which each object was seen, by name.
+      frames, seconds; final_progress; value_order_correlation with time; rest, the time in seconds from which on no
+      object but the robot moves; value_order_before_rest, the correlation up to it, since at rest there is no order;
+      looks_like_success, whether the last reward is as high as at the ends of the demonstrations (`Card.end_reward`);
+      stalls, from and to in seconds; subtasks, first frames of all but the first; coverage, the share of frames in
+      which each object was seen, by name.
 
     Raises:
       ValueError: the model has no card.
@@ -77,12 +92,19 @@ def summary(model: RewardModel, curve: Curve) -> dict[str, Any]:
         "frames": length,
         "seconds": length / card.frame_rate,
         "final_progress": float(curve.progress[-1]),
-        "value_order_correlation": float(value_order_correlation(curve.reward[None], np.array([length]))[0]),
+        "value_order_correlation": _order(curve.reward, length),
+        "value_order_before_rest": _order(curve.reward, min(curve.rest + 1, length)),
+        "rest": curve.rest / card.frame_rate,
         "looks_like_success": bool(curve.reward[-1] >= card.end_reward),
         "stalls": stalls,
         "subtasks": [int(frame) for frame in np.flatnonzero(np.diff(curve.subtask)) + 1],
         "coverage": dict(zip(card.objects.names, curve.found.mean(axis=0).round(4).tolist(), strict=True)),
     }
+
+
+def _order(reward: np.ndarray, length: int) -> float:
+    """Correlation of the first `length` rewards with time."""
+    return float(value_order_correlation(reward[None], np.array([length]))[0])
 
 
 def _stalls(curve: Curve, frame_rate: float) -> list[tuple[int, int]]:

@@ -43,7 +43,7 @@ def curve_of(progress: np.ndarray, subtask: np.ndarray | None = None) -> Curve:
     flags = np.ones((len(progress), 4), bool)
     flags[::2, 1] = False
     subtask = np.zeros(len(progress), np.int64) if subtask is None else subtask
-    return Curve(1 - progress, progress - 1, progress, subtask, flags, flags)
+    return Curve(1 - progress, progress - 1, progress, subtask, flags, flags, len(progress) - 1)
 
 
 def test_a_steady_recording_does_not_stall_and_looks_like_success(model):
@@ -52,6 +52,23 @@ def test_a_steady_recording_does_not_stall_and_looks_like_success(model):
     assert found["looks_like_success"] and found["value_order_correlation"] == pytest.approx(1)
     assert found["final_progress"] == pytest.approx(0.95) and found["subtasks"] == [10, 30]
     assert found["coverage"] == {"robot": 1, "block": pytest.approx(20 / 41, abs=1e-4), "region": 1, "absent": 1}
+
+
+def test_the_order_is_also_judged_without_the_rest_at_the_end(model):
+    rising = curve_of(np.concatenate([np.linspace(0, 0.9, 10), np.full(10, 0.8)]))
+    found = summary(model, rising._replace(rest=9))
+    assert found["value_order_before_rest"] == pytest.approx(1) and found["rest"] == pytest.approx(9 / 8)
+    assert found["value_order_correlation"] == summary(model, rising)["value_order_before_rest"] < 0.9
+
+
+def test_rest_begins_when_the_last_object_but_the_robot_stands_still(model):
+    boxes = np.tile(np.array([[0.2, 0.2, 0.1, 0.1]], np.float32), (12, OBJECTS.num_slots, 1))
+    mask = np.ones(boxes.shape[:2], bool)
+    assert score(model, boxes, mask).rest == 0
+    boxes[:, OBJECTS.names.index("robot"), 0] = np.linspace(0.1, 0.9, 12)
+    assert score(model, boxes, mask).rest == 0
+    boxes[:, OBJECTS.names.index("block"), 0] = np.minimum(np.linspace(0.1, 0.9, 12), 0.5)
+    assert score(model, boxes, mask).rest == np.flatnonzero(np.linspace(0.1, 0.9, 12) > 0.5)[0]
 
 
 def test_a_recording_that_is_cut_off_does_not_look_like_success(model):
