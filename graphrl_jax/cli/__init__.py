@@ -27,6 +27,7 @@ COMMANDS: dict[str, tuple[type, str]] = {
     "evaluate": (requests.Evaluate, "evaluate"),
     "stages": (requests.Stages, "stages"),
     "score": (requests.Score, "score"),
+    "report": (requests.Report, "report"),
     "sweep": (requests.Sweep, "sweep"),
 }
 """By name: the request class, and the module in this package with the `run` function of the command."""

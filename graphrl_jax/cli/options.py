@@ -89,7 +89,7 @@ def refuse_useless(request: Any, names: Iterable[str], why: str) -> None:
     """
     for name in names:
         for part in _given(request, name):
-            raise ValueError(f"{_option(name, part)} changes nothing {why}; leave it out")
+            raise ValueError(f"{option(name, part)} changes nothing {why}; leave it out")
 
 
 def refuse_other(request: Any, own: Mapping[str, Any], where: Path) -> None:
@@ -108,7 +108,7 @@ def refuse_other(request: Any, own: Mapping[str, Any], where: Path) -> None:
             kept = has if part is None else has[part]
             if _text(asked) != _text(kept):
                 raise ValueError(
-                    f"{_option(name, part)} is {_text(asked)}, but {where} goes on with its own settings, "
+                    f"{option(name, part)} is {_text(asked)}, but {where} goes on with its own settings, "
                     f"{_text(kept)}; leave it out"
                 )
 
@@ -122,7 +122,7 @@ def _given(request: Any, name: str) -> dict[str | None, Any]:
     return {} if value == usual else {None: value}
 
 
-def _option(name: str, part: str | None) -> str:
+def option(name: str, part: str | None) -> str:
     """The option of a field, or of a part of a group."""
     return f"--{name if part is None else f'{name}.{part}'}".replace("_", "-")
 

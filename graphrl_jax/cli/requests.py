@@ -237,6 +237,19 @@ class Score:
 
 
 @dataclass(frozen=True)
+class Report:
+    """Writes one HTML page about a run: its numbers, curves, landscape, exploits, subtasks, video, and what it missed.
+
+    Attributes:
+      run: folder of a run of `train` or `pretrain`, or of a member of a sweep.
+      out: HTML file to write; one that exists is replaced.
+    """
+
+    run: tyro.conf.Positional[Path]
+    out: Annotated[Path | None, optional("PATH", "report.html in the run's folder")] = None
+
+
+@dataclass(frozen=True)
 class Sweep:
     """Trains encoders and policies for several values of some floats, times seeds, side by side.
 

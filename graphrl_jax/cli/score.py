@@ -20,7 +20,8 @@ from graphrl_jax.reward.card import Card
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.reward.scoring import Curve, score, summary
 from graphrl_jax.storage import write_atomically, write_json
-from graphrl_jax.viz.report import Scored, scores_page, spread
+from graphrl_jax.viz.page import spread
+from graphrl_jax.viz.score_page import Scored, scores_page
 
 _SHOWN = ("recording", "final_progress", "value_order_correlation", "looks_like_success")
 

@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.stats import binomtest
 from scipy.stats import t as student
 
 
@@ -13,6 +14,12 @@ def interval(values: Sequence[float], confidence: float = 0.95) -> list[float] |
         return None
     half = student.ppf((1 + confidence) / 2, len(values) - 1) * np.std(values, ddof=1) / math.sqrt(len(values))
     return [max(0.0, float(np.mean(values) - half)), min(1.0, float(np.mean(values) + half))]
+
+
+def share_interval(share: float, count: int, confidence: float = 0.95) -> tuple[float, float]:
+    """Wilson's confidence interval of the probability of which `count` independent trials showed this share."""
+    found = binomtest(round(share * count), count).proportion_ci(confidence, method="wilson")
+    return float(found.low), float(found.high)
 
 
 def pair_accuracy(values: np.ndarray, truth: np.ndarray) -> float:

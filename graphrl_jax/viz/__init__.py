@@ -1,1 +1,1 @@
-"""Plots, drawings and videos."""
+"""Plots, drawings, videos and pages."""

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from graphrl_jax.reward.statistics import interval, pair_accuracy, share_above
+from graphrl_jax.reward.statistics import interval, pair_accuracy, share_above, share_interval
 
 
 def test_shares_by_hand():
@@ -44,3 +44,11 @@ def test_an_interval_of_shares_is_cut_and_a_single_value_has_none():
     assert interval([0.9, 1.0, 1.0])[1] == 1.0
     assert interval([0.5, 0.5]) == [0.5, 0.5]
     assert interval([0.5]) is None and interval([]) is None
+
+
+def test_the_interval_of_a_share_is_wilsons():
+    # By hand for 0 of 16: from 0 to z^2 / (16 + z^2).
+    z = stats.norm.ppf(0.975)
+    assert share_interval(0.0, 16) == pytest.approx((0.0, z**2 / (16 + z**2)))
+    low, high = share_interval(0.75, 8)
+    assert 0 < low < 0.75 < high < 1 and share_interval(0.25, 8) == pytest.approx((1 - high, 1 - low))
