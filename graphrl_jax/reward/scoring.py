@@ -78,7 +78,8 @@ def summary(model: RewardModel, curve: Curve) -> dict[str, Any]:
       object but the robot moves; value_order_before_rest, the correlation up to it, since at rest there is no order;
       looks_like_success, whether the last reward is as high as at the ends of the demonstrations (`Card.end_reward`);
       stalls, from and to in seconds; subtasks, first frames of all but the first; coverage, the share of frames in
-      which each object was seen, by name.
+      which each object was seen, by name; unseen_at_end, objects that were seen, but not in the last frame, which makes
+      the scores of the end doubtful.
 
     Raises:
       ValueError: the model has no card.
@@ -99,6 +100,9 @@ def summary(model: RewardModel, curve: Curve) -> dict[str, Any]:
         "stalls": stalls,
         "subtasks": [int(frame) for frame in np.flatnonzero(np.diff(curve.subtask)) + 1],
         "coverage": dict(zip(card.objects.names, curve.found.mean(axis=0).round(4).tolist(), strict=True)),
+        "unseen_at_end": [
+            name for name, seen in zip(card.objects.names, curve.found.T, strict=True) if seen.any() and not seen[-1]
+        ],
     }
 
 

@@ -52,6 +52,7 @@ def test_a_steady_recording_does_not_stall_and_looks_like_success(model):
     assert found["looks_like_success"] and found["value_order_correlation"] == pytest.approx(1)
     assert found["final_progress"] == pytest.approx(0.95) and found["subtasks"] == [10, 30]
     assert found["coverage"] == {"robot": 1, "block": pytest.approx(20 / 41, abs=1e-4), "region": 1, "absent": 1}
+    assert found["unseen_at_end"] == ["block"]
 
 
 def test_the_order_is_also_judged_without_the_rest_at_the_end(model):

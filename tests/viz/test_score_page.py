@@ -10,6 +10,7 @@ from graphrl_jax.viz.score_page import Scored, scores_page
 SUMMARY = {
     "frames": 41, "seconds": 41 / 8, "final_progress": 0.951, "value_order_correlation": 0.5, "episode_index": 0,
     "looks_like_success": True, "stalls": [(0.5, 3.0)], "subtasks": [10], "coverage": {"hand": 1.0, "cup": 0.256},
+    "unseen_at_end": [],
 }  # fmt: skip
 
 
@@ -34,4 +35,10 @@ def test_a_page_says_what_it_is_given(tmp_path):
     assert "hand 100 %, cup 26 % of the frames" in " ".join(text.split())
     assert '<td class="number">0.95</td>' in text and "<td>yes</td>" in text
     assert 'points="52.0,208.0 498.0,110.0 944.0,12.0"' in text and "data:image" not in text
+    assert "doubtful" not in text
     assert text.index('id="recording-0"') > text.index("<tbody>")
+
+
+def test_a_page_warns_of_objects_that_are_gone_at_the_end(tmp_path):
+    text = page(tmp_path, Scored("a", SUMMARY | {"unseen_at_end": ["cup", "<lid>"]}, np.zeros(3), 8.0))
+    assert "Not seen at the end: cup, &lt;lid&gt;." in text and "<td>yes, doubtful</td>" in text
