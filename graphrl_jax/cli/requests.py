@@ -9,6 +9,7 @@ import tyro
 from graphrl_jax.cli.options import choice, optional, overrides
 from graphrl_jax.experiment.methods import ABLATIONS, METHODS
 from graphrl_jax.experiment.presets import PRESETS
+from graphrl_jax.experiment.trackers import TRACKERS
 from graphrl_jax.perception.config import FORMATS
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 from graphrl_jax.registry import ENGINES, task_names
@@ -20,6 +21,7 @@ RewardName = Annotated[str, choice(METHODS)]
 PresetName = Annotated[str | None, optional(f"{{{','.join(PRESETS)}}}", "cpu, or gpu where there is one")]
 EngineName = Annotated[str | None, optional(f"{{{','.join(ENGINES)}}}", "the fastest on this device")]
 DemosFile = Annotated[Path | None, optional("PATH", "the expert makes them")]
+TrackerName = Annotated[str | None, optional(f"{{{','.join(TRACKERS)}}}", "nothing is tracked")]
 Ablations = Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"[{{{','.join(ABLATIONS)}}} ...]")]
 Updates = Annotated[int | None, optional("INT", "the preset's")]
 
@@ -62,6 +64,7 @@ class Train:
       engine: physics engine of the task.
       out: folder of the run.
       resume: continue the run in --out from its last checkpoint, with its own settings.
+      track: experiment tracker that gets the run's metrics, figures and video; with --resume also those of before.
       coordinator: address and port of the first of several processes that train together, such as localhost:12345.
       processes: number of processes.
       process: index of this process, from 0; processes above 0 write to OUT.process_N.
@@ -79,6 +82,7 @@ class Train:
     engine: EngineName = None
     out: Annotated[Path | None, optional("PATH", "runs/TASK_REWARD_SEED")] = None
     resume: bool = False
+    track: TrackerName = None
     coordinator: Annotated[str | None, optional("HOST:PORT", "this process trains alone")] = None
     processes: int = 1
     process: int = 0

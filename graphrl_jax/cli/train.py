@@ -11,6 +11,8 @@ from graphrl_jax.experiment import experiment, sharding
 from graphrl_jax.experiment.experiment import Extent, Member
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import compose
+from graphrl_jax.experiment.trackers import tracker_named
+from graphrl_jax.experiment.tracking import Tracking
 from graphrl_jax.progress import Progress
 from graphrl_jax.registry import make_task
 
@@ -21,6 +23,8 @@ def run(request: Train) -> dict[str, Any]:
     """Carries the request out."""
     process_log = runtime.configure()
     _refuse_useless(request)
+    # Processes that train together have the same numbers.
+    tracker = tracker_named(request.track) if request.track is not None and request.process == 0 else None
     if request.coordinator is not None or request.processes > 1:
         request = _joined(request)
     member = _resumed(request) if request.resume else _started(request)
@@ -28,7 +32,9 @@ def run(request: Train) -> dict[str, Any]:
     with Progress() as progress:
         progress.note(f"run directory: {member.run.path}")
         extent = Extent(resumed=request.resume)
-        (summary,) = experiment.run([member], task, progress, process_log, extent)
+        with Tracking(member.run, tracker, progress.note) as tracking:
+            (summary,) = experiment.run([member], task, progress, process_log, extent)
+            tracking.results(summary)
     shown = {name: summary[name] for name in SHOWN}
     return {"out": str(member.run.path), **shown, "wall_s": round(process_log.times()["wall_s"], 1)}
 

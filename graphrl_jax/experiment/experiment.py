@@ -253,7 +253,7 @@ def _policies(
         seed = job.settings.seed + SEED_OFFSET
         outcomes.append(evaluate_policy(finished, job.settings.episodes, seed) | metrics)
         if extent.videos:
-            show_policy(job.run, finished, VIDEO_EPISODES, seed, job.run.path / "rollout.mp4")
+            show_policy(job.run, finished, VIDEO_EPISODES, seed, job.run.video)
     return outcomes
 
 

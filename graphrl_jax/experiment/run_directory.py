@@ -5,10 +5,13 @@ metrics.jsonl    one line per logged step            encoder.json     metrics of
 summary.json     the run's final metrics             policy.npz       policy and observation statistics
 figures/         plots                               train_state.npz  everything PPO's next update depends on
 rollout.mp4      a few episodes                      subtasks.json    subtasks found in held-out demonstrations
+
+A tracker has a folder of its name.
 """
 
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -32,10 +35,14 @@ class Run:
 
     Args:
       path: the folder.
+
+    Attributes:
+      on_log: also gets every record that is logged; None for nobody.
     """
 
     def __init__(self, path: str | Path):
         self.path = Path(path)
+        self.on_log: Callable[[dict[str, Any]], None] | None = None
 
     @classmethod
     def create(cls, path: str | Path, command: str, config: dict[str, Any]) -> "Run":
@@ -104,10 +111,17 @@ class Run:
         """Folder of plots."""
         return self.path / "figures"
 
+    @property
+    def video(self) -> Path:
+        """Video of a few episodes."""
+        return self.path / "rollout.mp4"
+
     def log(self, record: dict[str, Any]) -> None:
         """Appends one line to metrics.jsonl; values that are not finite become null."""
         with (self.path / "metrics.jsonl").open("a") as file:
             file.write(to_json(record) + "\n")
+        if self.on_log is not None:
+            self.on_log(record)
 
     def records(self, stage: str) -> list[dict[str, Any]]:
         """All logged records of a run stage, `pretrain` or `ppo`, with NaN for null.

@@ -1,19 +1,23 @@
 """`graphrl train`: what it refuses in one sentence, and that every learned reward trains like any other."""
 
 import json
+import shutil
 import subprocess
 import sys
 
 import jax
 import numpy as np
 import pytest
+from tensorboardX import event_file_writer
 
 from graphrl_jax import cli
+from graphrl_jax.experiment import sharding
 from graphrl_jax.experiment.methods import ABLATIONS
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import compose
 from graphrl_jax.registry import make_task
 from tests.helpers.commands import TRAIN, arrays, call, contents, rejected
+from tests.helpers.events import logged, numbers
 
 LEFT_OUT = [name for name in ABLATIONS if name != "displacement"]
 """All that can be left out at once: one ablation at most sets the rule of activity."""
@@ -45,6 +49,7 @@ def test_in_a_process_of_its_own_a_wrong_request_is_one_sentence_too():
             [*TRAIN, "--ppo.decision-steps", "7", "--ppo.episode-length", "14"],
             ["decision_steps is 7", "divisors of the 30 steps of carry's episodes"],
         ),
+        (["--track", "paper"], ["unknown tracker 'paper'", "tensorboard, wandb, trackio"]),
         (["--engine", "bullet"], ["unknown engine 'bullet'", "mjx, mujoco, warp"]),
         ([*TRAIN, "--engine", "mjx"], ["task 'carry' has one engine of its own", "leave the engine 'mjx' out"]),
         (["--coordinator", "localhost:1", "--processes", "2"], ["--out"]),
@@ -155,3 +160,54 @@ def test_demonstrations_need_images_of_the_size_that_is_looked_at(capsys, tmp_pa
     message = rejected(capsys, [*TRAIN, "--reward", "xirl", "--demos", file, "--out", out])
     assert "frames must be images of 32 x 32 pixels, got those of 16 x 16" in message
     assert not out.exists()
+
+
+def test_a_tracker_whose_package_is_missing_is_refused_before_anything_is_written(capsys, monkeypatch, tmp_path):
+    monkeypatch.setitem(sys.modules, "wandb", None)
+    message = rejected(capsys, [*TRAIN, "--track", "wandb", "--out", tmp_path / "run"])
+    assert 'pip install "graphrl_jax[wandb]"' in message and not (tmp_path / "run").exists()
+
+
+def test_a_tracked_training_sends_every_line_of_its_log(tmp_path):
+    out = tmp_path / "run"
+    call(cli.train_main, *TRAIN, "--reward", "env", "--track", "tensorboard", "--out", out)
+    lines = [json.loads(line) for line in (out / "metrics.jsonl").read_text().splitlines()]
+    sent = numbers(out / "tensorboard", "policy")
+    assert sent.keys() == {line["env_steps"] for line in lines}
+    for line in lines:
+        said = {f"policy/{name}": value for name, value in line.items() if name != "stage" and value is not None}
+        assert sent[line["env_steps"]] == pytest.approx(said, rel=1e-6)
+    summary = json.loads((out / "summary.json").read_text())
+    (last,) = numbers(out / "tensorboard", "summary").values()
+    assert last["summary/mean_return"] == pytest.approx(summary["mean_return"])
+
+
+def test_a_finished_run_is_tracked_afterwards_and_once(finished, tmp_path):
+    out = tmp_path / "run"
+    shutil.copytree(finished, out)
+    arguments = ["--resume", "--track", "tensorboard", "--out", out]
+    call(cli.train_main, *arguments)
+    sent = logged(out / "tensorboard")
+    images = {name: value for _, name, value in sent if isinstance(value, bytes)}
+    figures = {f"figures/{path.stem}": path.read_bytes() for path in (finished / "figures").iterdir()}
+    assert images.pop("videos/rollout")[:4] == b"GIF8" and images == figures
+    call(cli.train_main, *arguments)
+    assert logged(out / "tensorboard") == sent
+
+
+def test_of_several_processes_the_first_one_tracks(finished, tmp_path, monkeypatch):
+    monkeypatch.setattr(sharding, "join", lambda *_: None)
+    for process, folder in enumerate(("run", "run.process_1")):
+        shutil.copytree(finished, tmp_path / folder)
+        several = ["--coordinator", "localhost:1", "--processes", 2, "--process", process]
+        call(cli.train_main, "--resume", "--track", "tensorboard", "--out", tmp_path / "run", *several)
+        assert (tmp_path / folder / "tensorboard").exists() == (process == 0)
+
+
+def test_a_tracker_that_fails_does_not_stop_the_command(finished, tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(event_file_writer, "EventsWriter", None)
+    out = tmp_path / "run"
+    shutil.copytree(finished, out)
+    answer = call(cli.train_main, "--resume", "--track", "tensorboard", "--out", out)
+    assert answer["out"] == str(out)
+    assert capsys.readouterr().err.count("warning: tensorboard failed and tracks this run no longer: TypeError") == 1
