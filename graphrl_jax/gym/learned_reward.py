@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import gymnasium
 import jax
@@ -23,6 +23,9 @@ from graphrl_jax.reward.model import RewardModel
 
 NamedBoxes = Callable[[Any, dict[str, Any]], Mapping[str, ArrayLike]]
 """Function from an observation and its `info` to the boxes of the objects that are seen, by name."""
+
+_See = Callable[[Any, dict[str, Any]], tuple[np.ndarray, np.ndarray]]
+"""Function from an observation and its `info` to boxes (N, 4) float32 and mask (N,) bool of the model's objects."""
 
 # Centres farther out and boxes larger than this, in units of the image, are taken for pixels.
 _FARTHEST_OUT = 3.0
@@ -73,14 +76,14 @@ class LearnedReward(gymnasium.Wrapper):
         self.objects = card.objects
         # Programs are the same for all cards.
         self._model = replace(loaded, card=None)
-        self._source = _source(env, boxes, card.objects)
+        self._begin_sight = _sight(env, boxes, card.objects)
         self._activity: ActivityState | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         """As the environment's; what has moved is forgotten."""
         observation, info = self.env.reset(seed=seed, options=options)
-        self._source.begin()
-        self._activity = _begin(*self._source.see(observation, info))
+        self._see = self._begin_sight()
+        self._activity = _begin(*self._see(observation, info))
         return observation, info
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
@@ -92,7 +95,7 @@ class LearnedReward(gymnasium.Wrapper):
         if self._activity is None:
             raise ResetNeeded("step needs a reset before")
         observation, own, terminated, truncated, info = self.env.step(action)
-        boxes, mask = self._source.see(observation, info)
+        boxes, mask = self._see(observation, info)
         self._activity, reward = _reward(self._model, self.objects, self._activity, boxes, mask)
         return observation, float(reward), terminated, truncated, {**info, "environment_reward": own}
 
@@ -122,62 +125,38 @@ def refuse_other_rate(card: Card, rate: float | None) -> None:
         )
 
 
-class _Source(Protocol):
-    """Where boxes (N, 4) float32 and mask (N,) bool of the model's objects come from, frame by frame."""
-
-    def begin(self) -> None:
-        """A new episode."""
-        ...
-
-    def see(self, observation: Any, info: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-        """Boxes and mask of the next frame."""
-        ...
-
-
-def _source(env: gymnasium.Env, boxes: NamedBoxes | Detector | None, objects: ObjectTable) -> _Source:
+def _sight(env: gymnasium.Env, boxes: NamedBoxes | Detector | None, objects: ObjectTable) -> Callable[[], _See]:
+    """Makes the function that looks for the objects throughout an episode, once for every episode."""
     if boxes is None:
-        return _Told(objects)
-    if hasattr(boxes, "detect"):
-        return _Detected(env, boxes, objects)
-    return _Named(boxes, objects)
+        return lambda: partial(_told, objects.num_slots)
+    if not hasattr(boxes, "detect"):
+        return lambda: partial(_named, boxes, objects.names)
+    image = _image_of(env)
+    return lambda: partial(_detected, image, boxes, Tracker(objects))
 
 
-class _Told:
+def _told(slots: int, _: Any, info: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     """Boxes in the `info` of an environment of this package."""
-
-    def __init__(self, objects: ObjectTable):
-        self._slots = objects.num_slots
-
-    def begin(self) -> None:
-        pass
-
-    def see(self, observation: Any, info: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-        boxes, mask = (np.asarray(info.get(name, ())) for name in ("boxes", "mask"))
-        if boxes.shape != (self._slots, 4) or mask.shape != (self._slots,):
-            raise ValueError(
-                f"info has boxes {boxes.shape} and mask {mask.shape}; needed: ({self._slots}, 4) and ({self._slots},), "
-                "or a function as boxes"
-            )
-        return boxes.astype(np.float32), mask.astype(bool)
+    boxes, mask = (np.asarray(info.get(name, ())) for name in ("boxes", "mask"))
+    if boxes.shape != (slots, 4) or mask.shape != (slots,):
+        raise ValueError(
+            f"info has boxes {boxes.shape} and mask {mask.shape}; "
+            f"needed: ({slots}, 4) and ({slots},), or a function as boxes"
+        )
+    return boxes.astype(np.float32), mask.astype(bool)
 
 
-class _Named:
+def _named(
+    function: NamedBoxes, names: tuple[str, ...], observation: Any, info: dict[str, Any]
+) -> tuple[np.ndarray, np.ndarray]:
     """Boxes that a function gives by name."""
-
-    def __init__(self, function: NamedBoxes, objects: ObjectTable):
-        self._function, self._names = function, objects.names
-
-    def begin(self) -> None:
-        pass
-
-    def see(self, observation: Any, info: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-        boxes, mask = np.zeros((len(self._names), 4), np.float32), np.zeros(len(self._names), bool)
-        for name, box in self._function(observation, info).items():
-            if name not in self._names:
-                raise ValueError(f"boxes names {name!r}; the reward model's objects are {', '.join(self._names)}")
-            slot = self._names.index(name)
-            boxes[slot], mask[slot] = _checked(name, box), True
-        return boxes, mask
+    boxes, mask = np.zeros((len(names), 4), np.float32), np.zeros(len(names), bool)
+    for name, box in function(observation, info).items():
+        if name not in names:
+            raise ValueError(f"boxes names {name!r}; the reward model's objects are {', '.join(names)}")
+        slot = names.index(name)
+        boxes[slot], mask[slot] = _checked(name, box), True
+    return boxes, mask
 
 
 def _checked(name: str, box: ArrayLike) -> np.ndarray:
@@ -194,24 +173,26 @@ def _checked(name: str, box: ArrayLike) -> np.ndarray:
     return found
 
 
-class _Detected:
-    """Boxes that a detector finds in images."""
+def _detected(
+    image: Callable[[Any], Any], detector: Detector, tracker: Tracker, observation: Any, _: dict[str, Any]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Boxes that a detector finds in an image."""
+    tracker.see(detector.detect(np.asarray(image(observation))))
+    return tracker.held()
 
-    def __init__(self, env: gymnasium.Env, detector: Detector, objects: ObjectTable):
-        space = env.observation_space
-        self._observed = isinstance(space, Box) and space.dtype == np.uint8 and space.shape[2:] == (3,)
-        if not self._observed and env.render_mode != "rgb_array":
-            raise ValueError(
-                "boxes is a detector, but the environment shows no images; allowed: observations (H, W, 3) uint8, or "
-                "render_mode 'rgb_array'"
-            )
-        self._env, self._detector, self._objects = env, detector, objects
-        self.begin()
 
-    def begin(self) -> None:
-        self._tracker = Tracker(self._objects)
+def _image_of(env: gymnasium.Env) -> Callable[[Any], Any]:
+    """The function from an observation to an image (H, W, 3) uint8.
 
-    def see(self, observation: Any, info: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-        image = observation if self._observed else self._env.render()
-        self._tracker.see(self._detector.detect(np.asarray(image)))
-        return self._tracker.held()
+    Raises:
+      ValueError: there are no images.
+    """
+    space = env.observation_space
+    if isinstance(space, Box) and space.dtype == np.uint8 and space.shape[2:] == (3,):
+        return lambda observation: observation
+    if env.render_mode != "rgb_array":
+        raise ValueError(
+            "boxes is a detector, but the environment shows no images; allowed: observations (H, W, 3) uint8, or "
+            "render_mode 'rgb_array'"
+        )
+    return lambda _: env.render()
