@@ -92,6 +92,13 @@ class Task(Env):
         `states` is the physics state with leaves (T, ...), boxes (T, N, 4), mask and active (T, N), rewards (T,).
         """
 
+    def draw(self, physics: Any) -> np.ndarray:
+        """Drawing of a physics state, without boxes: (H, W, 3) uint8; default: a frame of `draw_episode`."""
+        slots = self.objects.num_slots
+        states = jax.tree.map(lambda leaf: np.asarray(leaf)[None], physics)
+        boxes, absent = np.zeros((1, slots, 4), np.float32), np.zeros((1, slots), bool)
+        return self.draw_episode(states, boxes, absent, absent, np.zeros(1, np.float32), "")[0]
+
     def image(self, physics: Any, size: int) -> jax.Array:
         """Camera image of a physics state: (size, size, 3) float32 in [0, 1]; can be traced.
 

@@ -114,6 +114,16 @@ def test_a_new_method_is_one_row(tmp_path, outside_package):
     assert (out / "summary.json").exists() and (out / "policy.npz").exists()
 
 
+def test_the_examples_of_gymnasium_run(monkeypatch):
+    monkeypatch.chdir(REPOSITORY)
+    names: dict = {}
+    # The last one needs a package that the tests do without; tests/gym/test_stable_baselines.py runs it.
+    for block in code_blocks(DOCS / "gymnasium.md", "python")[:-1]:
+        exec(compile(block, "gymnasium.md", "exec"), names)
+    assert names["envs"].num_envs == len(names["rewards"]) == 8
+    assert -2 <= names["reward"] < 0 != names["info"]["environment_reward"] != names["reward"]
+
+
 def test_excerpts_of_the_example_task_are_in_it():
     source = (EXAMPLE / "carry_task.py").read_text()
     blocks = [block for language in ("python", "text") for block in code_blocks(DOCS / "adding_a_task.md", language)]

@@ -16,6 +16,7 @@ from benchmarks.tables.match_regions import (
 )
 from benchmarks.tables.shoes_in_box import discrimination_table, failures_table, subtasks_table, table_2
 from benchmarks.tables.shoes_policies import policies_table
+from benchmarks.tables.stable_baselines import stable_baselines_table
 
 DOCUMENTS: dict[str, dict[str, tuple[Callable[[], str], ...]]] = {
     "README.md": {"headline results": (headline,)},
@@ -29,6 +30,7 @@ DOCUMENTS: dict[str, dict[str, tuple[Callable[[], str], ...]]] = {
         "results of policies on Shoes in Box": (policies_table,),
         "results of human demonstrations": (human_table, fidelity_table),
         "results of sweeps": (sweeps_table,),
+        "results of Stable-Baselines3": (stable_baselines_table,),
         "results of alphas": (alphas_table,),
     },
 }

@@ -26,27 +26,45 @@ def track(frames: Iterable[list[Detection]], objects: ObjectTable) -> tuple[np.n
     return bridge(assign(frames, objects))
 
 
+class Tracker:
+    """Assigns the detections of one frame after the other; see `assign`."""
+
+    def __init__(self, objects: ObjectTable):
+        self._classes = np.array(objects.class_ids)
+        self._last = np.full((objects.num_slots, 4), np.nan, np.float32)
+        self._unseen = np.ones(objects.num_slots)
+
+    def see(self, detections: list[Detection]) -> np.ndarray:
+        """Boxes (N, 4) float32 of the next frame, NaN where an object was not seen."""
+        row = np.full_like(self._last, np.nan)
+        detections = _most_confident(detections, self._classes)
+        if detections:
+            boxes = np.stack([detection.box for detection in detections])
+            found = np.array([detection.class_id for detection in detections])
+            for slot, index in _assignment(boxes, found, self._last, FARTHEST * self._unseen, self._classes):
+                row[slot] = self._last[slot] = boxes[index]
+        self._unseen = np.where(np.isnan(row[:, 0]), self._unseen + 1, 1)
+        return row
+
+    def held(self, longest: int = LONGEST_BRIDGE) -> tuple[np.ndarray, np.ndarray]:
+        """Boxes (N, 4) float32 and mask (N,) bool as of the last frame.
+
+        An object that has been missed for up to `longest` frames keeps its last box; others are zeros and masked.
+        `bridge` does better, but it needs the frames after a gap.
+        """
+        mask = ~np.isnan(self._last[:, 0]) & (self._unseen <= longest + 1)
+        return np.where(mask[:, None], self._last, 0.0).astype(np.float32), mask
+
+
 def assign(frames: Iterable[list[Detection]], objects: ObjectTable) -> np.ndarray:
     """Boxes (T, N, 4) float32 of a sequence of detections, NaN where an object was not seen.
 
     Objects of one class that first appear together fill its slots from left to right. Of more detections than a class
     has slots, the most confident ones are tracked. A detection without a slot is dropped.
     """
-    classes = np.array(objects.class_ids)
-    last = np.full((objects.num_slots, 4), np.nan, np.float32)
-    unseen = np.ones(objects.num_slots)
-    rows = [np.zeros((0, objects.num_slots, 4), np.float32)]
-    for detections in frames:
-        row = np.full_like(last, np.nan)
-        detections = _most_confident(detections, classes)
-        if detections:
-            boxes = np.stack([detection.box for detection in detections])
-            found = np.array([detection.class_id for detection in detections])
-            for slot, index in _assignment(boxes, found, last, FARTHEST * unseen, classes):
-                row[slot] = last[slot] = boxes[index]
-        unseen = np.where(np.isnan(row[:, 0]), unseen + 1, 1)
-        rows.append(row[None])
-    return np.concatenate(rows)
+    tracker = Tracker(objects)
+    none = np.zeros((0, objects.num_slots, 4), np.float32)
+    return np.concatenate([none, *(tracker.see(detections)[None] for detections in frames)])
 
 
 def _most_confident(detections: list[Detection], classes: np.ndarray) -> list[Detection]:

@@ -27,8 +27,8 @@ from graphrl_jax.rl.config import PPOConfig
 _BETTER = 0.01
 _NO_REWARD = float(np.finfo(np.float32).min)
 
-# Observations and rewards beyond this come from physics that is about to turn NaN, and would spoil running statistics.
-_MOST = 1e4
+MOST = 1e4
+"""Observations and rewards beyond this come from physics that is about to turn NaN, and would spoil statistics."""
 
 
 class _Wrapper(Wrapper):
@@ -288,11 +288,17 @@ class AutoReset(Wrapper):
         return state.replace(metrics=metrics, info={**state.info, "reset_key": reset_key, "step_metrics": metrics})
 
     def step(self, state: State, action: jax.Array) -> State:
-        reset_key, fresh_key = jax.random.split(state.info["reset_key"])
+        return self.renew(self.advance(state, action))
+
+    def advance(self, state: State, action: jax.Array) -> State:
+        """The next state of the episode; it is the last one if `done` is 1."""
         # A task may leave `done` unchanged, and keeps no metric that it does not know.
         known = {name: value for name, value in state.metrics.items() if name != "bad_envs"}
-        before = state.replace(done=jnp.zeros_like(state.done), metrics=known)
-        state = _without_bad(self.env.step(before, action))
+        return _without_bad(self.env.step(state.replace(done=jnp.zeros_like(state.done), metrics=known), action))
+
+    def renew(self, state: State) -> State:
+        """The first state of a new episode, with the results of the last one, if `done` is 1; else the same state."""
+        reset_key, fresh_key = jax.random.split(state.info["reset_key"])
         fresh = self.env.restart(fresh_key, state)
 
         def choose(new: Any, old: Any) -> Any:
@@ -312,7 +318,7 @@ def _without_bad(state: State) -> State:
     leaves = jax.tree.leaves(state.pipeline_state)
     finite = [jnp.isfinite(leaf).all() for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.floating)]
     # Comparisons with NaN are false.
-    bounded = [(jnp.abs(leaf) < _MOST).all() for leaf in (state.obs, state.reward)]
+    bounded = [(jnp.abs(leaf) < MOST).all() for leaf in (state.obs, state.reward)]
     sound = jnp.stack(finite + bounded).all()
 
     def instead(value: jax.Array, other: float) -> jax.Array:

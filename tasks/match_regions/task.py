@@ -44,5 +44,8 @@ class MatchRegions(MatchRegionsEnv, Task):
     ) -> np.ndarray:
         return render.episode_frames(states.qpos, states.world, boxes, mask, active, rewards, size=320, label=label)
 
+    def draw(self, physics: PhysicsState) -> np.ndarray:
+        return render.draw_scene(*jax.tree.map(np.asarray, (physics.qpos, physics.world)), size=320)
+
     def landscape(self, key: jax.Array) -> Landscape:
         return scenes.landscape(self, key)

@@ -15,6 +15,7 @@ from graphrl_jax.task import Task, TrainingSize
 from tasks.shoes_in_box import expert, render, scenes
 from tasks.shoes_in_box.env import ShoesInBoxEnv
 from tasks.shoes_in_box.starts import Starts
+from tasks.shoes_in_box.state import PhysicsState
 from tasks.shoes_in_box.training import make_starts
 
 _PPO = {
@@ -58,6 +59,9 @@ class ShoesInBox(ShoesInBoxEnv, Task):
         self, key: jax.Array, successes: int, failures: int = 0, image_size: int | None = None
     ) -> Demonstrations:
         return expert.demonstrate(self, key, successes, failures, image_size)
+
+    def draw(self, physics: PhysicsState) -> np.ndarray:
+        return render.draw_scene(np.asarray(physics.qpos), np.asarray(physics.box), size=320)
 
     def landscape(self, key: jax.Array) -> Landscape:
         return scenes.landscape(key)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.perception.detector import Detection
-from graphrl_jax.perception.tracking import LONGEST_BRIDGE, track
+from graphrl_jax.perception.tracking import LONGEST_BRIDGE, Tracker, assign, track
 
 OBJECTS = ObjectTable(
     names=("gripper", "left_shoe", "right_shoe"),
@@ -87,3 +87,18 @@ def test_nothing_at_all():
     boxes, mask = track([], OBJECTS)
     assert boxes.shape == (0, 3, 4) and mask.shape == (0, 3)
     assert not track([[], []], OBJECTS)[1].any()
+
+
+def test_one_frame_after_the_other_is_tracked_as_all_at_once_and_gaps_hold_the_last_box():
+    places = [0.2] + [None] * (LONGEST_BRIDGE + 1) + [0.3]
+    frames = [frame(0.5, place, 0.7) for place in places]
+    tracker, rows, held = Tracker(OBJECTS), [], []
+    assert not tracker.held()[1].any()
+    for detections in frames:
+        rows.append(tracker.see(detections))
+        held.append(tracker.held())
+    np.testing.assert_array_equal(rows, assign(frames, OBJECTS))
+    boxes, mask = (np.stack(values) for values in zip(*held, strict=True))
+    assert mask[:, [0, 2]].all()
+    np.testing.assert_array_equal(mask[:, 1], [True] * (LONGEST_BRIDGE + 1) + [False, True])
+    np.testing.assert_allclose(boxes[:, 1, 0], [0.2] * (LONGEST_BRIDGE + 1) + [0.0, 0.3])

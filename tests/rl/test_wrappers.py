@@ -118,6 +118,21 @@ def test_every_reset_draws_a_new_state():
     assert len(np.unique(initial[:, 0])) == 3 * NUM_ENVS
 
 
+def test_a_step_is_an_advance_to_the_end_and_a_renewal_after_it():
+    env = AutoReset(Episode(EnvironmentReward(SlidingBoxes(), POOLING), 2))
+    advance, renew, step = (jit_physics(function) for function in (env.advance, env.renew, env.step))
+    first, action = jit_physics(env.reset)(jax.random.key(3)), jnp.ones(1)
+    midway = advance(first, action)
+    np.testing.assert_array_equal(renew(midway).obs, midway.obs)
+    last = advance(renew(midway), action)
+    assert midway.done == 0 and last.done == last.info["truncation"] == 1
+    assert last.obs[0] == first.obs[0] + 0.2 and last.info["steps"] == 2
+    fresh, stepped = renew(last), step(step(first, action), action)
+    assert fresh.info["steps"] == 0 and fresh.reward == last.reward and not np.isin(last.obs[:3], fresh.obs).any()
+    for name in ("obs", "reward", "done", "pipeline_state"):
+        jax.tree.map(np.testing.assert_array_equal, getattr(fresh, name), getattr(stepped, name))
+
+
 def test_graph_reward_replaces_the_reward_and_logs_both():
     states, plain = rollout("graph"), rollout("environment")
     within = [1, 2, 3, 5, 6, 7]
