@@ -13,7 +13,7 @@ from graphrl_jax.perception.config import FORMATS
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 from graphrl_jax.registry import ENGINES, task_names
 from graphrl_jax.reward.config import SUBTASK_METHODS
-from graphrl_jax.rl.config import PPOConfig, PPOHyper
+from graphrl_jax.rl.config import POLICIES, PPOConfig, PPOHyper
 
 TaskName = Annotated[str, choice(task_names())]
 RewardName = Annotated[str, choice(METHODS)]
@@ -132,10 +132,12 @@ class Pretrain:
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Evaluates a run's policy on unseen episodes; prints one JSON line and writes a video.
+    """Evaluates a policy on unseen episodes; prints one JSON line and writes a video.
 
     Attributes:
-      run: folder of the run.
+      run: folder of the run; with --policy, the name of a registered task.
+      policy: a policy that has learned nothing, to look at the task or at a reward.
+      reward_model: folder of a reward model, or of a run that learned one; it pays the reward of --policy.
       episodes: number of episodes.
       seed: seed of the episodes.
       video_episodes: episodes shown in the video; 0 writes none.
@@ -144,11 +146,15 @@ class Evaluate:
     """
 
     run: tyro.conf.Positional[Path]
+    policy: Annotated[str | None, optional(f"{{{','.join(POLICIES)}}}", "the run's")] = None
+    reward_model: Annotated[Path | None, optional("PATH", "the task's own reward")] = None
     episodes: int = 256
     seed: int = 7
     video_episodes: int = 2
     engine: EngineName = None
-    out: Annotated[Path | None, optional("PATH", "evaluation_SEED.mp4 in the run's folder")] = None
+    out: Annotated[
+        Path | None, optional("PATH", "evaluation_SEED.mp4 in the run's folder; with --policy TASK_POLICY_SEED.mp4")
+    ] = None
 
 
 @dataclass(frozen=True)

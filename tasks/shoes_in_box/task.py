@@ -11,7 +11,7 @@ import numpy as np
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.reward.landscape import Landscape
-from graphrl_jax.task import Task, TrainingSize
+from graphrl_jax.task import Expert, Task, TrainingSize
 from tasks.shoes_in_box import expert, render, scenes
 from tasks.shoes_in_box.env import ShoesInBoxEnv
 from tasks.shoes_in_box.starts import Starts
@@ -58,6 +58,9 @@ class ShoesInBox(ShoesInBoxEnv, Task):
         self, key: jax.Array, successes: int, failures: int = 0, image_size: int | None = None
     ) -> Demonstrations:
         return expert.demonstrate(self, key, successes, failures, image_size)
+
+    def expert(self) -> Expert:
+        return expert.as_policy()
 
     def landscape(self, key: jax.Array) -> Landscape:
         return scenes.landscape(key)
