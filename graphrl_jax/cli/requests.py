@@ -137,7 +137,7 @@ class Evaluate:
     Attributes:
       run: folder of the run; with --policy, the name of a registered task.
       policy: a policy that has learned nothing, to look at the task or at a reward.
-      reward_model: folder of a reward model, or of a run that learned one; it pays the reward of --policy.
+      reward_model: pays the reward of --policy; a folder or a model on the hub, as for `graphrl score`.
       episodes: number of episodes.
       seed: seed of the episodes.
       video_episodes: episodes shown in the video; 0 writes none.
@@ -205,7 +205,7 @@ class Stages:
     """Finds the subtasks of demonstrations with a run's encoder; no labels are needed.
 
     Attributes:
-      run: folder of a run of `train` or `pretrain`.
+      run: folder of a run of `train` or `pretrain`, or of a reward model; or owner/name of a model on the hub.
       demos: demonstration file.
       method: rule that finds boundaries; rests and uvd use the embedding, change_points the reward.
       out: JSON file to write.
@@ -214,7 +214,7 @@ class Stages:
     run: tyro.conf.Positional[Path]
     demos: Path
     method: Annotated[str, choice(SUBTASK_METHODS)] = SUBTASK_METHODS[0]
-    out: Annotated[Path | None, optional("PATH", "subtasks.json in the run's folder")] = None
+    out: Annotated[Path | None, optional("PATH", "subtasks.json in that folder, or here")] = None
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ class Score:
     """Scores recordings under a reward model: progress per frame, subtasks, and a ranking.
 
     Attributes:
-      model: folder of a reward model, or of a run that learned one.
+      model: folder of a reward model, or of a run that learned one; or owner/name of a model on the Hugging Face Hub.
       source: file or folder of recordings; see `graphrl import`.
       out: folder to write; must not exist.
       objects: file of objects with the colours of the model's objects.

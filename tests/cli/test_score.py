@@ -11,6 +11,7 @@ from graphrl_jax import cli
 from graphrl_jax.registry import make_task
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.viz.video import write_video
+from tests.helpers import hub
 from tests.helpers.commands import call, rejected
 
 MODEL = "checkpoints/match_regions_graph"
@@ -52,6 +53,20 @@ def test_recordings_are_scored_and_ranked(recordings, tmp_path):
     progress, reward = np.array(rows["progress_sparse"]), np.array(rows["reward"])
     np.testing.assert_allclose(progress, np.clip(1 + reward, 0, 1), atol=1e-6)
     assert rows["active"][0] == [] and {"star", "square"} <= set(rows["active"][-1])
+
+
+def test_a_model_of_the_hub_scores_by_its_name(capsys, recordings, monkeypatch, tmp_path):
+    model, package = RewardModel.load(MODEL), hub.put_in_place(monkeypatch, tmp_path / "hub")
+    monkeypatch.chdir(tmp_path)
+    model.push_to_hub("someone/regions")
+    arguments = ["score", "someone/regions", recordings / "half.mp4", "--out", tmp_path / "scores"]
+    package.fault = ConnectionError("no network")
+    assert "someone/regions is no folder here" in rejected(capsys, arguments, cli.main)
+    assert not (tmp_path / "scores").exists()
+    package.fault = None
+    assert not call(cli.main, *arguments)["recordings"][0]["looks_like_success"]
+    assert json.loads((tmp_path / "scores" / "scores.json").read_text())["model"] == "someone/regions"
+    assert not (tmp_path / "someone").exists()
 
 
 def test_what_cannot_be_scored_is_one_sentence(capsys, recordings, tmp_path):
