@@ -194,10 +194,12 @@ class Objects:
     Attributes:
       out: file to write; must not exist.
       labels: labels of the objects, as the detector or the labels call them.
+      classes: export whose classes are the labels: YOLO's .yaml, classes.txt or obj.names, COCO's .json, or a folder.
     """
 
     out: Path
     labels: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[STR ...]")] = ()
+    classes: Annotated[Path | None, optional("PATH", "--labels")] = None
 
 
 @dataclass(frozen=True)
