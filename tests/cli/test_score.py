@@ -52,6 +52,17 @@ def test_recordings_are_scored_and_ranked(recordings, tmp_path):
     np.testing.assert_allclose(np.diff(rows["seconds"][: frames[0]]), 1 / 8, atol=1e-6)
     progress, reward = np.array(rows["progress_sparse"]), np.array(rows["reward"])
     np.testing.assert_allclose(progress, np.clip(1 + reward, 0, 1), atol=1e-6)
+    # The videos have twice the model's frame rate, so that every frame of it is the first of two.
+    found = parquet.read_table(tmp_path / "scores" / "subtasks.parquet").to_pylist()
+    for row in scores["recordings"]:
+        own = found[row["episode_index"]]
+        first = [0, *(2 * frame for frame in row["subtasks"])]
+        assert own["sparse_subtask_start_frames"] == first
+        assert own["sparse_subtask_end_frames"] == [*(frame - 1 for frame in first[1:]), 2 * row["frames"] - 1]
+        np.testing.assert_allclose(own["sparse_subtask_start_times"], np.array(first) / 16)
+    shares = json.loads((tmp_path / "scores" / "temporal_proportions_sparse.json").read_text())
+    assert len(shares) == 1 + max(len(row["subtasks"]) for row in scores["recordings"]) > 1
+    np.testing.assert_allclose(sum(shares.values()), 1.0)
     assert rows["active"][0] == [] and {"star", "square"} <= set(rows["active"][-1])
 
 
