@@ -1,10 +1,10 @@
 """The interface of a task."""
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -23,6 +23,18 @@ class TrainingSize:
 
     updates: int
     ppo: Mapping[str, Any]
+
+
+class Expert(NamedTuple):
+    """An expert that decides in every control step, written for one environment; both functions can be traced.
+
+    Attributes:
+      begin: (first state, key) -> its plan, any pytree.
+      act: (plan, state, key) -> the next plan, and an action (A,).
+    """
+
+    begin: Callable[[State, jax.Array], Any]
+    act: Callable[[Any, State, jax.Array], tuple[Any, jax.Array]]
 
 
 class Task(Env):
@@ -78,6 +90,14 @@ class Task(Env):
 
         With `image_size`, the demonstrations hold an image of every frame, `image_size` pixels square.
         """
+
+    def expert(self) -> Expert:
+        """The expert as a policy, for `graphrl evaluate --policy expert`.
+
+        Raises:
+          ValueError: the task has none.
+        """
+        raise ValueError(f"task {self.name} has no expert that acts step by step; allowed: another policy")
 
     @abstractmethod
     def landscape(self, key: jax.Array) -> Landscape:

@@ -14,7 +14,7 @@ from graphrl_jax.perception.config import FORMATS
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 from graphrl_jax.registry import ENGINES, task_names
 from graphrl_jax.reward.config import SUBTASK_METHODS
-from graphrl_jax.rl.config import PPOConfig, PPOHyper
+from graphrl_jax.rl.config import POLICIES, PPOConfig, PPOHyper
 
 TaskName = Annotated[str, choice(task_names())]
 RewardName = Annotated[str, choice(METHODS)]
@@ -136,10 +136,12 @@ class Pretrain:
 
 @dataclass(frozen=True)
 class Evaluate:
-    """Evaluates a run's policy on unseen episodes; prints one JSON line and writes a video.
+    """Evaluates a policy on unseen episodes; prints one JSON line and writes a video.
 
     Attributes:
-      run: folder of the run.
+      run: folder of the run; with --policy, the name of a registered task.
+      policy: a policy that has learned nothing, to look at the task or at a reward.
+      reward_model: pays the reward of --policy; a folder or a model on the hub, as for `graphrl score`.
       episodes: number of episodes.
       seed: seed of the episodes.
       video_episodes: episodes shown in the video; 0 writes none.
@@ -148,11 +150,15 @@ class Evaluate:
     """
 
     run: tyro.conf.Positional[Path]
+    policy: Annotated[str | None, optional(f"{{{','.join(POLICIES)}}}", "the run's")] = None
+    reward_model: Annotated[Path | None, optional("PATH", "the task's own reward")] = None
     episodes: int = 256
     seed: int = 7
     video_episodes: int = 2
     engine: EngineName = None
-    out: Annotated[Path | None, optional("PATH", "evaluation_SEED.mp4 in the run's folder")] = None
+    out: Annotated[
+        Path | None, optional("PATH", "evaluation_SEED.mp4 in the run's folder; with --policy TASK_POLICY_SEED.mp4")
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -192,10 +198,12 @@ class Objects:
     Attributes:
       out: file to write; must not exist.
       labels: labels of the objects, as the detector or the labels call them.
+      classes: export whose classes are the labels: YOLO's .yaml, classes.txt or obj.names, COCO's .json, or a folder.
     """
 
     out: Path
     labels: Annotated[tuple[str, ...], tyro.conf.arg(metavar="[STR ...]")] = ()
+    classes: Annotated[Path | None, optional("PATH", "--labels")] = None
 
 
 @dataclass(frozen=True)
@@ -203,7 +211,7 @@ class Stages:
     """Finds the subtasks of demonstrations with a run's encoder; no labels are needed.
 
     Attributes:
-      run: folder of a run of `train` or `pretrain`.
+      run: folder of a run of `train` or `pretrain`, or of a reward model; or owner/name of a model on the hub.
       demos: demonstration file.
       method: rule that finds boundaries; rests and uvd use the embedding, change_points the reward.
       out: JSON file to write.
@@ -212,7 +220,7 @@ class Stages:
     run: tyro.conf.Positional[Path]
     demos: Path
     method: Annotated[str, choice(SUBTASK_METHODS)] = SUBTASK_METHODS[0]
-    out: Annotated[Path | None, optional("PATH", "subtasks.json in the run's folder")] = None
+    out: Annotated[Path | None, optional("PATH", "subtasks.json in that folder, or here")] = None
 
 
 @dataclass(frozen=True)
@@ -220,7 +228,7 @@ class Score:
     """Scores recordings under a reward model: progress per frame, subtasks, and a ranking.
 
     Attributes:
-      model: folder of a reward model, or of a run that learned one.
+      model: folder of a reward model, or of a run that learned one; or owner/name of a model on the Hugging Face Hub.
       source: file or folder of recordings; see `graphrl import`.
       out: folder to write; must not exist.
       objects: file of objects with the colours of the model's objects.

@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 import pyarrow as pa
-from pyarrow import parquet
 
 from graphrl_jax import runtime
+from graphrl_jax.cli.options import refuse_useless
 from graphrl_jax.cli.requests import Score
 from graphrl_jax.cli.sources import source_of
 from graphrl_jax.perception.detector import Detector
@@ -16,10 +16,11 @@ from graphrl_jax.perception.model_detector import ultralytics
 from graphrl_jax.perception.objects_file import read_objects
 from graphrl_jax.progress import Progress
 from graphrl_jax.registry import make_task, task_names
+from graphrl_jax.reward.annotations import subtasks_of, write_subtasks
 from graphrl_jax.reward.card import Card
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.reward.scoring import Curve, score, summary
-from graphrl_jax.storage import write_atomically, write_json
+from graphrl_jax.storage import write_json, write_table
 from graphrl_jax.viz.page import spread
 from graphrl_jax.viz.score_page import Scored, scores_page
 
@@ -35,12 +36,16 @@ def run(request: Score) -> dict[str, Any]:
     card = model.card
     assert card is not None
     source = source_of(request)
-    tables, rows, shown, index = [], [], [], 0
+    tables, rows, shown, subtasks, index = [], [], [], [], 0
     with Progress() as progress:
         for number, track in enumerate(tracks_of(source, card.objects, _detector(request, card), card.frame_rate)):
+            if track.recording.frames is None:
+                refuse_useless(request, ["weights", "objects"], "where the source has boxes, no images")
             curve = score(model, track.boxes, track.mask)
             tables.append(_table(curve, number, index, card))
             index += len(curve.reward)
+            own_rate = track.source_rate or card.frame_rate
+            subtasks.append(subtasks_of(curve.subtask, track.shown, track.source_length, own_rate))
             recording, about = track.recording.source, {"episode_index": number, **summary(model, curve)}
             rows.append({"recording": str(recording), **about})
             name = _name(recording, request.source)
@@ -48,7 +53,9 @@ def run(request: Score) -> dict[str, Any]:
             progress.note("; ".join([str(track.recording.source), *track.recording.notes, *track.notes]))
     if not rows:
         raise ValueError(f"{request.source} holds no recordings")
-    _write_table(pa.concat_tables(tables), request)
+    told = {"reward_model_path": str(request.model)}
+    write_table(request.out / "progress.parquet", pa.concat_tables(tables).replace_schema_metadata(told))
+    write_subtasks(request.out, subtasks)
     order = sorted(range(len(rows)), key=lambda number: rows[number]["final_progress"], reverse=True)
     ranked = [rows[number] for number in order]
     page, title = request.out / "report.html", f"Progress of {request.source.name} in {card.task}"
@@ -99,13 +106,3 @@ def _table(curve: Curve, episode: int, first: int, card: Card) -> pa.Table:
 def _names(flags: np.ndarray, card: Card) -> list[list[str]]:
     """Names of the objects whose flag is set, per frame."""
     return [[name for name, flag in zip(card.objects.names, row, strict=True) if flag] for row in flags]
-
-
-def _write_table(table: pa.Table, request: Score) -> None:
-    """Writes progress.parquet; its metadata name the model."""
-    told = table.replace_schema_metadata({"reward_model_path": str(request.model)})
-
-    def write(temporary: Path) -> None:
-        parquet.write_table(told, temporary)
-
-    write_atomically(request.out / "progress.parquet", write)

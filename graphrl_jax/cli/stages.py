@@ -1,5 +1,6 @@
 """`graphrl stages`: subtasks of demonstrations; see `requests.Stages`."""
 
+from pathlib import Path
 from typing import Any
 
 from graphrl_jax import runtime
@@ -17,6 +18,7 @@ def run(request: Stages) -> dict[str, Any]:
     assert model.card is not None
     demos = load_demonstrations(request.demos, model.card.objects, model.card.frame_rate, model.card.task)
     found = demonstration_subtasks(model, demos, request.method)
-    out = request.out or request.run / "subtasks.json"
+    # A model of the hub has no folder here.
+    out = request.out or (request.run if request.run.is_dir() else Path()) / "subtasks.json"
     write_json(out, {"demos": str(request.demos), "method": request.method, **found})
     return {"out": str(out), "demonstrations": len(demos), **found.get("judged", {})}

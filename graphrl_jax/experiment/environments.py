@@ -24,6 +24,12 @@ def environment_of(task: Task, reward: str) -> Callable[[Any], EnvironmentReward
     return lambda reward_params: wrapper(task, reward_params)
 
 
+def environment_of_model(task: Task, model: RewardModel) -> Callable[[Any], EnvironmentReward]:
+    """As `environment_of`, for a reward model whose method is not known; by what it takes."""
+    wrapper = WRAPPERS["graphs" if model.image_size is None else "images"]
+    return lambda reward_params: wrapper(task, reward_params)
+
+
 class TrainingParams(NamedTuple):
     """Parameters of a training environment: those of the reward, and the task's `training_starts`."""
 

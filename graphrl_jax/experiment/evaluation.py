@@ -32,11 +32,15 @@ def evaluate_policy(trained: TrainedRun, episodes: int, seed: int) -> dict[str, 
     Returns:
       success_rate, mean_score and mean_return (of the reward that the policy was trained on), episodes and seed.
     """
-    outcomes = unseen_episodes(trained, episodes, seed)
+    return averages(unseen_episodes(trained, episodes, seed), seed)
+
+
+def averages(outcomes: dict[str, jax.Array], seed: int) -> dict[str, Any]:
+    """Means over the outcomes of episodes; see `evaluate_policy`."""
     return {
         "success_rate": float(jnp.mean(outcomes["success"])),
         "mean_score": float(jnp.mean(outcomes["score"])),
-        "episodes": episodes,
+        "episodes": len(outcomes["success"]),
         "mean_return": float(jnp.mean(outcomes["episode_return"])),
         "seed": seed,
     }

@@ -13,6 +13,7 @@ label = "mug"                 # as the detector or the labels call it
 colour = [220, 40, 40]        # or its colour, for the detector by colours
 """
 
+import json
 import math
 import tomllib
 from collections.abc import Mapping
@@ -145,7 +146,7 @@ def _looks(rows: list[dict[str, Any]], labels: list[str], path: Path) -> tuple[L
 TEMPLATE = """# Objects of a task, for `graphrl import --objects`.
 
 # The task's name, and the frames per second that recordings are resampled to.
-name = "{name}"
+name = {name}
 frame_rate = 10
 
 # One entry per object. Fields:
@@ -165,13 +166,18 @@ kind = "{kind}"
 
 
 def template(name: str, labels: list[str]) -> str:
-    """A commented file of objects with these labels, all of them free; with examples if there are none."""
+    """A commented file of objects with these labels, all of them free; with examples if there are none.
+
+    Raises:
+      ValueError: a label is empty.
+    """
+    if not all(map(str.strip, labels)):
+        raise ValueError(f"the labels are {', '.join(map(repr, labels))}; allowed: texts that are not empty")
     kinds = {label: "free" for label in labels} or {"gripper": "robot", "shelf": "fixture", "cup": "free"}
     entries = [_ENTRY.format(name=_quoted(label), kind=kind) for label, kind in kinds.items()]
-    return TEMPLATE.format(name=name, objects="".join(entries))
+    return TEMPLATE.format(name=_quoted(name), objects="".join(entries))
 
 
 def _quoted(text: str) -> str:
-    """A text as TOML writes it."""
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"')
-    return f'"{escaped}"'
+    """A text as TOML writes it, whose basic strings have the escapes of JSON."""
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")

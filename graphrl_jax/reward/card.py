@@ -2,7 +2,7 @@
 
 config.json          the card, beside whatever else the folder's maker keeps there
 model.safetensors    the parameters
-README.md            the card and the model's numbers, for people
+README.md            the card and the model's numbers, for people; its head is for the Hugging Face Hub
 """
 
 from collections.abc import Mapping
@@ -94,7 +94,15 @@ def _text(card: Card, numbers: Mapping[str, Any]) -> str:
     rows = [f"| {name} | {label} | {kind} |" for name, label, kind in zip(objects.names, classes, names, strict=True)]
     measured = [f"| {name} | {value:.4g} |" for name, value in numbers.items() if type(value) in (int, float)]
     used = ", ".join(f"{name} {version}" for name, version in versions().items())
-    return f"""# Reward model for {card.task}
+    return f"""---
+library_name: graphrl_jax
+pipeline_tag: robotics
+tags:
+- reward-model
+- jax
+---
+
+# Reward model for {card.task}
 
 It gives each frame of a recording a reward: about -1 at the start of the task, 0 at its goal. It takes the objects'
 boxes at {card.frame_rate:g} frames per second{_of_images(card)}.
@@ -113,7 +121,7 @@ of at least {card.end_reward:.3g} looks like success.
 ```python
 from graphrl_jax import RewardModel
 
-model = RewardModel.load("this/folder")
+model = RewardModel.load("this/folder")  # or owner/name of a model on the Hugging Face Hub
 rewards = model.rewards(boxes, mask)  # (T, N, 4) and (T, N) -> (T,)
 ```
 

@@ -6,6 +6,7 @@ half-time only, makes the reward rise evenly.
 """
 
 import math
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -23,6 +24,7 @@ from graphrl_jax.encoder.config import ActivityRule, EncoderConfig
 from graphrl_jax.encoder.encoder import EncoderParams, Seen, encode, encode_sequence
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.graph import ObjectTable, safe_norm
+from graphrl_jax.reward import hub
 from graphrl_jax.reward.card import MODEL, Card, read_card, write_card
 from graphrl_jax.storage import load_tensors, save_tensors
 
@@ -57,14 +59,24 @@ class RewardModel:
     card: Card | None = field(default=None, metadata={"static": True})
 
     @classmethod
-    def load(cls, folder: str | Path) -> "RewardModel":
-        """The reward model in a folder: one that `save` wrote, or that of a run.
+    def load(cls, folder: str | Path, revision: str | None = None) -> "RewardModel":
+        """The reward model in a folder: one that `save` wrote, or that of a run; or a model of the Hugging Face Hub.
+
+        Args:
+          folder: the folder; or, where there is no such folder, owner/name of a model on the hub.
+          revision: branch, tag or commit of a model on the hub.
 
         Raises:
           StorageError: the folder holds none, or a damaged one; the message names the file and the field.
+          ValueError: a folder has no revisions; see also `hub.download`.
         """
-        card = read_card(Path(folder))
-        return replace(load_parameters(Path(folder), card.encoder, card.activity, card.objects), card=card)
+        folder = Path(folder)
+        if hub.on_hub(folder):
+            folder = hub.download(folder, revision)
+        elif revision is not None:
+            raise ValueError(f"the revision {revision!r} is asked for, but {folder} names no model of the hub")
+        card = read_card(folder)
+        return replace(load_parameters(folder, card.encoder, card.activity, card.objects), card=card)
 
     def save(self, folder: str | Path, numbers: Mapping[str, Any] | None = None) -> None:
         """Writes the model into a folder, which may be moved: config.json, model.safetensors, README.md.
@@ -81,6 +93,29 @@ class RewardModel:
             raise ValueError("a reward model without card cannot be saved, because nobody could tell what it takes")
         save_parameters(Path(folder), self)
         write_card(Path(folder), self.card, numbers or {})
+
+    def push_to_hub(
+        self,
+        name: str,
+        numbers: Mapping[str, Any] | None = None,
+        private: bool | None = None,
+        revision: str | None = None,
+    ) -> str:
+        """Writes the model to the Hugging Face Hub, as `save` writes it to a folder; returns its address.
+
+        Args:
+          name: owner/name.
+          numbers: measures of the model for its README.md.
+          private: whether a new repository is private; default: the owner's setting.
+          revision: branch that gets the files; it must exist. Default: the main branch.
+
+        Raises:
+          ValueError: the model has no card; see also `hub.upload`.
+          StorageError: a parameter is not finite.
+        """
+        with tempfile.TemporaryDirectory() as folder:
+            self.save(folder, numbers)
+            return hub.upload(Path(folder), name, private, revision)
 
     def rewards(self, boxes: ArrayLike, mask: ArrayLike) -> jax.Array:
         """The reward of every frame of a recording: (T,) float32; see `embed_recording`."""

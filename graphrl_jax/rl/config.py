@@ -12,6 +12,8 @@ Activation = Literal[
 ]  # fmt: skip
 """Brax's names of activations."""
 ACTIVATIONS: tuple[str, ...] = get_args(Activation)
+POLICIES = ("zero", "random", "expert")
+"""Names of the policies that have learned nothing (`actors.policy_named`)."""
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from brax.envs.base import State
 from brax.envs.wrappers.training import VmapWrapper
 
 from graphrl_jax.demonstrations import reached_for_good
+from graphrl_jax.rl.actors import Actor, network
 from graphrl_jax.rl.config import PPOConfig
-from graphrl_jax.rl.networks import make_inference
 from graphrl_jax.rl.ppo import OUTCOMES, MakeEnv
 from graphrl_jax.rl.wrappers import episodic
 from graphrl_jax.runtime import jit_physics
@@ -28,6 +28,7 @@ def episode_outcomes(
     num_episodes: int,
     deterministic: bool = True,
     events: Callable[[State], jax.Array] | None = None,
+    make_actor: Callable[[Any], Actor] | None = None,
 ) -> dict[str, jax.Array]:
     """Outcomes of one episode in each of `num_episodes` environments, from new resets, side by side. Pure.
 
@@ -39,6 +40,7 @@ def episode_outcomes(
       num_episodes: static.
       deterministic: act by the distribution's mode instead of a sample; static.
       events: function from a state to (E,) bool, such as `Task.events`; static.
+      make_actor: makes what acts of `policy_params`; default: the network of `config`; static.
 
     Returns:
       (num_episodes,) float32 for each of `ppo.OUTCOMES` that the environment reports: `success` and `score` of the
@@ -47,7 +49,8 @@ def episode_outcomes(
     env = VmapWrapper(episodic(make_env(reward_params), config))
     reset_key, act_key = jax.random.split(key)
     state = env.reset(jax.random.split(reset_key, num_episodes))
-    act = make_inference(config, state.obs.shape[-1], env.action_size, deterministic)
+    actor = (make_actor or partial(network, config, env.action_size, deterministic))(policy_params)
+    act_keys = jax.random.split(act_key, config.episode_length // config.decision_steps + 1)
 
     def outcomes_of(state: State) -> dict[str, jax.Array]:
         found = {name: state.metrics[name] for name in OUTCOMES if name in state.metrics}
@@ -57,19 +60,20 @@ def episode_outcomes(
         return jax.tree.map(partial(jnp.where, running), new, old)
 
     def step(carry: tuple, key: jax.Array) -> tuple:
-        state, running, outcomes = carry
-        state = env.step(_not_done(state), act(policy_params, state.obs, key))
+        state, memory, running, outcomes = carry
+        memory, action = actor.act(memory, state, key)
+        state = env.step(_not_done(state), action)
         # Steps after the end of an episode are ignored.
         outcomes = jax.vmap(choose)(running, outcomes_of(state), outcomes)
-        return (state, running & (state.done == 0), outcomes), None
+        return (state, memory, running & (state.done == 0), outcomes), None
 
-    carry = (_not_done(state), jnp.ones(num_episodes, bool), outcomes_of(state))
-    decisions = config.episode_length // config.decision_steps
-    (_, _, outcomes), _ = jax.lax.scan(step, carry, jax.random.split(act_key, decisions))
+    memory = actor.begin(state, act_keys[-1])
+    carry = (_not_done(state), memory, jnp.ones(num_episodes, bool), outcomes_of(state))
+    (*_, outcomes), _ = jax.lax.scan(step, carry, act_keys[:-1])
     return outcomes
 
 
-_STATIC = ("config", "make_env", "num_episodes", "deterministic", "events")
+_STATIC = ("config", "make_env", "num_episodes", "deterministic", "events", "make_actor")
 evaluate = jit_physics(episode_outcomes, static_argnames=_STATIC)
 """`episode_outcomes`, compiled. Inside another compiled program use `episode_outcomes`: it sets no compiler options."""
 
@@ -87,7 +91,7 @@ class Rollout(NamedTuple):
     | boxes   | (B, T, N, 4) | float32 | boxes in the graph                                             |
     | mask    | (B, T, N)    | bool    | slots that are filled                                          |
     | active  | (B, T, N)    | bool    | slots that have moved                                          |
-    | rewards | (B, T)       | float32 | the reward the policy was trained on                           |
+    | rewards | (B, T)       | float32 | the reward of the environment                                  |
     | events  | (B, E)       | int32   | first frame from which each event held to the end, -1 for none |
     """
 
@@ -107,12 +111,13 @@ def record(
     policy_params: Any,
     key: jax.Array,
     episodes: int,
+    make_actor: Callable[[Any], Actor] | None = None,
 ) -> Rollout:
-    """Runs whole episodes of the deterministic policy and keeps every frame.
+    """Runs whole episodes of the deterministic policy, or of another actor, and keeps every frame.
 
     Args:
       task: task of the episodes; sets their length and events.
-      config, make_env, reward_params, policy_params, key: see `episode_outcomes`.
+      config, make_env, reward_params, policy_params, key, make_actor: see `episode_outcomes`.
       episodes: number of episodes.
 
     Returns:
@@ -122,12 +127,16 @@ def record(
     @partial(jit_physics, static_argnums=3)
     def run(reward_params: Any, policy_params: Any, key: jax.Array, episodes: int) -> Any:
         env = VmapWrapper(make_env(reward_params))
-        state = env.reset(jax.random.split(key, episodes))
-        act = make_inference(config, state.obs.shape[-1], env.action_size, deterministic=True)
+        actor = (make_actor or partial(network, config, env.action_size, True))(policy_params)
+        keys = jax.random.split(key, episodes + 1)
+        act_keys = jax.random.split(keys[-1], task.episode_length // config.decision_steps + 1)
+        state = env.reset(keys[:-1])
 
-        def decide(state: Any, key: jax.Array) -> Any:
-            action = act(policy_params, state.obs, key)
-            return jax.lax.scan(partial(control, action), state, length=config.decision_steps)
+        def decide(carry: tuple, key: jax.Array) -> Any:
+            state, memory = carry
+            memory, action = actor.act(memory, state, key)
+            state, frames = jax.lax.scan(partial(control, action), state, length=config.decision_steps)
+            return (state, memory), frames
 
         def control(action: jax.Array, state: Any, _: None) -> Any:
             state = env.step(state, action)
@@ -135,7 +144,7 @@ def record(
             frame = (state.pipeline_state, info["boxes"], info["mask"], info["active"], state.reward)
             return state, (*frame, jax.vmap(task.events)(state))
 
-        _, frames = jax.lax.scan(decide, state, jax.random.split(key, task.episode_length // config.decision_steps))
+        _, frames = jax.lax.scan(decide, (state, actor.begin(state, act_keys[-1])), act_keys[:-1])
         return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]).swapaxes(0, 1), frames)
 
     *frames, events = jax.tree.map(np.asarray, run(reward_params, policy_params, key, episodes))

@@ -7,14 +7,16 @@ release and back off. Plans vary in order, speed, pauses, approach, noise and fi
 
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from brax.envs.base import State
 
 from graphrl_jax.demonstrations import Demonstrations, reached_for_good
 from graphrl_jax.runtime import jit_physics
+from graphrl_jax.task import Expert
 from tasks.collect import collect
 from tasks.match_regions import geometry, raster
 from tasks.match_regions.env import MatchRegionsEnv
@@ -238,6 +240,21 @@ def _go_to(qpos: jax.Array, point: jax.Array) -> jax.Array:
     bearing = jnp.where(backwards, _bearing(-ahead, direction), bearing)
     speed = jnp.maximum(jnp.cos(bearing), 0.0) ** 2 * jnp.clip(to_point * 5, 0.3, 1.0)
     return jnp.stack([jnp.where(backwards, -speed, speed), _turn(bearing)])
+
+
+def as_policy() -> Expert:
+    """The expert with plans of successes."""
+
+    def start(state: State, key: jax.Array) -> tuple[Plan, PlanState]:
+        physics = state.pipeline_state
+        return draw_plan(key, jnp.zeros((), jnp.int32), physics.qpos, physics.world), begin()
+
+    def decide(memory: tuple[Plan, PlanState], state: State, key: jax.Array) -> tuple[Any, jax.Array]:
+        physics, (plan, plan_state) = state.pipeline_state, memory
+        plan_state, action = act(plan, plan_state, physics.qpos, physics.world.region, key)
+        return (plan, plan_state), action
+
+    return Expert(start, decide)
 
 
 @partial(jit_physics, static_argnums=0)

@@ -10,7 +10,7 @@ import numpy as np
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.perception.detector import Detector
 from graphrl_jax.reward.landscape import Landscape
-from graphrl_jax.task import Task
+from graphrl_jax.task import Expert, Task
 from tasks.match_regions import expert, layouts, magical, raster, render, scenes
 from tasks.match_regions.env import MatchRegionsEnv
 from tasks.match_regions.state import PhysicsState
@@ -38,6 +38,9 @@ class MatchRegions(MatchRegionsEnv, Task):
         self, key: jax.Array, successes: int, failures: int = 0, image_size: int | None = None
     ) -> Demonstrations:
         return expert.demonstrate(self.changed(control="continuous"), key, successes, failures, image_size)
+
+    def expert(self) -> Expert:
+        return expert.as_policy()
 
     def draw_episode(
         self, states: Any, boxes: np.ndarray, mask: np.ndarray, active: np.ndarray, rewards: np.ndarray, label: str

@@ -14,9 +14,11 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from brax.envs.base import State
 
 from graphrl_jax.demonstrations import Demonstrations, reached_for_good
 from graphrl_jax.runtime import jit_physics
+from graphrl_jax.task import Expert
 from tasks.collect import collect
 from tasks.shoes_in_box import geometry, kinematics, render
 from tasks.shoes_in_box.env import CLOSED, SPEED, TURN_RATE, ShoesInBoxEnv, grip_of
@@ -280,6 +282,21 @@ def _shoe_phases(plan: Plan, plan_state: PlanState, state: PhysicsState, last: b
     openings = jnp.where(sweeps, closed, openings)
     reached = jax.vmap(_reached, in_axes=(None, 0, None))(state, poses, timer)
     return poses, openings, reached.at[2].set(timer >= 6).at[5].set(reached[5] & ~held).at[6].set(timer >= 5)
+
+
+def as_policy() -> Expert:
+    """The expert with plans of successes."""
+
+    def start(state: State, key: jax.Array) -> tuple[Plan, PlanState]:
+        plan = draw_plan(key, jnp.zeros((), jnp.int32))
+        return plan, begin(plan)
+
+    def decide(memory: tuple[Plan, PlanState], state: State, key: jax.Array) -> tuple[Any, jax.Array]:
+        plan, plan_state = memory
+        plan_state, action = act(plan, plan_state, state.pipeline_state)
+        return (plan, plan_state), action
+
+    return Expert(start, decide)
 
 
 def episodes(task: ShoesInBoxEnv, key: jax.Array, kinds: jax.Array) -> tuple[PhysicsState, jax.Array]:

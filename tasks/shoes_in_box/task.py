@@ -11,7 +11,7 @@ import numpy as np
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.reward.landscape import Landscape
-from graphrl_jax.task import Task, TrainingSize
+from graphrl_jax.task import Expert, Task, TrainingSize
 from tasks.shoes_in_box import expert, render, scenes
 from tasks.shoes_in_box.env import ShoesInBoxEnv
 from tasks.shoes_in_box.starts import Starts
@@ -62,6 +62,9 @@ class ShoesInBox(ShoesInBoxEnv, Task):
 
     def draw(self, physics: PhysicsState) -> np.ndarray:
         return render.draw_scene(np.asarray(physics.qpos), np.asarray(physics.box), size=320)
+
+    def expert(self) -> Expert:
+        return expert.as_policy()
 
     def landscape(self, key: jax.Array) -> Landscape:
         return scenes.landscape(key)

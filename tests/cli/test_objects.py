@@ -53,6 +53,24 @@ def test_a_template_is_written_and_not_over_another(capsys, tmp_path):
     assert "must end in .toml" in rejected(capsys, ["objects", "--out", tmp_path / "drawer"], main=cli.main)
 
 
+def test_the_labels_are_the_classes_of_an_export(capsys, tmp_path):
+    export = tmp_path / "export" / "data.yaml"
+    export.parent.mkdir()
+    export.write_text("nc: 2\nnames: [hand, red cup]\n")
+    for number, source in enumerate((export, export.parent)):
+        out = tmp_path / f"{number}.toml"
+        assert call(cli.main, "objects", "--out", out, "--classes", source) == {"out": str(out), "objects": 2}
+        assert read_objects(out).objects.class_names == ("hand", "red cup")
+    out = tmp_path / "both.toml"
+    both = ["objects", "--out", out, "--classes", export, "--labels", "cup"]
+    assert "--labels changes nothing with --classes, which names them" in rejected(capsys, both, cli.main)
+    export.write_text("nc: 2\n")
+    wrong = rejected(capsys, ["objects", "--out", out, "--classes", export], cli.main)
+    assert f"{export} names no classes; allowed: a .yaml file with names" in wrong
+    assert "allowed: texts that are not empty" in rejected(capsys, ["objects", "--out", out, "--labels", ""], cli.main)
+    assert not out.exists()
+
+
 @pytest.fixture(scope="module")
 def demos_file(tmp_path_factory):
     """Demonstrations from four videos at 10 frames per second and a file of objects."""

@@ -11,6 +11,7 @@ from graphrl_jax import cli
 from graphrl_jax.registry import make_task
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.viz.video import write_video
+from tests.helpers import hub
 from tests.helpers.commands import call, rejected
 
 MODEL = "checkpoints/match_regions_graph"
@@ -51,7 +52,32 @@ def test_recordings_are_scored_and_ranked(recordings, tmp_path):
     np.testing.assert_allclose(np.diff(rows["seconds"][: frames[0]]), 1 / 8, atol=1e-6)
     progress, reward = np.array(rows["progress_sparse"]), np.array(rows["reward"])
     np.testing.assert_allclose(progress, np.clip(1 + reward, 0, 1), atol=1e-6)
+    # The videos have twice the model's frame rate, so that every frame of it is the first of two.
+    found = parquet.read_table(tmp_path / "scores" / "subtasks.parquet").to_pylist()
+    for row in scores["recordings"]:
+        own = found[row["episode_index"]]
+        first = [0, *(2 * frame for frame in row["subtasks"])]
+        assert own["sparse_subtask_start_frames"] == first
+        assert own["sparse_subtask_end_frames"] == [*(frame - 1 for frame in first[1:]), 2 * row["frames"] - 1]
+        np.testing.assert_allclose(own["sparse_subtask_start_times"], np.array(first) / 16)
+    shares = json.loads((tmp_path / "scores" / "temporal_proportions_sparse.json").read_text())
+    assert len(shares) == 1 + max(len(row["subtasks"]) for row in scores["recordings"]) > 1
+    np.testing.assert_allclose(sum(shares.values()), 1.0)
     assert rows["active"][0] == [] and {"star", "square"} <= set(rows["active"][-1])
+
+
+def test_a_model_of_the_hub_scores_by_its_name(capsys, recordings, monkeypatch, tmp_path):
+    model, package = RewardModel.load(MODEL), hub.put_in_place(monkeypatch, tmp_path / "hub")
+    monkeypatch.chdir(tmp_path)
+    model.push_to_hub("someone/regions")
+    arguments = ["score", "someone/regions", recordings / "half.mp4", "--out", tmp_path / "scores"]
+    package.fault = ConnectionError("no network")
+    assert "someone/regions is no folder here" in rejected(capsys, arguments, cli.main)
+    assert not (tmp_path / "scores").exists()
+    package.fault = None
+    assert not call(cli.main, *arguments)["recordings"][0]["looks_like_success"]
+    assert json.loads((tmp_path / "scores" / "scores.json").read_text())["model"] == "someone/regions"
+    assert not (tmp_path / "someone").exists()
 
 
 def test_what_cannot_be_scored_is_one_sentence(capsys, recordings, tmp_path):

@@ -9,6 +9,8 @@ import pytest
 from graphrl_jax import cli
 from graphrl_jax.demonstrations import load
 from graphrl_jax.reward.config import SUBTASK_METHODS
+from graphrl_jax.reward.model import RewardModel
+from tests.helpers import hub
 from tests.helpers.commands import call, rejected
 
 pytestmark = pytest.mark.usefixtures("outside_package")
@@ -26,6 +28,14 @@ def test_subtasks_of_demonstrations_without_labels(demos_file, tmp_path, finishe
     for row in rows:
         assert all(0 < frame < row["length"] for frame in row["boundaries"])
         np.testing.assert_allclose(np.array(row["seconds"]) * bare.frame_rate, row["boundaries"])
+
+
+def test_a_model_of_the_hub_has_no_folder_to_write_to(demos_file, finished, monkeypatch, tmp_path):
+    hub.put_in_place(monkeypatch, tmp_path / "hub")
+    monkeypatch.chdir(tmp_path)
+    RewardModel.load(finished).push_to_hub("someone/carry")
+    assert call(cli.main, "stages", "someone/carry", "--demos", demos_file)["out"] == "subtasks.json"
+    assert (tmp_path / "subtasks.json").exists() and not (tmp_path / "someone").exists()
 
 
 def test_an_unknown_way_to_find_subtasks_is_one_sentence(capsys, demos_file, finished):

@@ -106,7 +106,7 @@ def test_a_missing_file_is_one_sentence(tmp_path):
         read_objects(tmp_path / "none.toml")
 
 
-@pytest.mark.parametrize("labels", [[], ["cup", 'a "big" \\ box']])
+@pytest.mark.parametrize("labels", [[], ["cup", 'a "big" \\ box', "two\nlines", "über \x7f"]])
 def test_a_template_can_be_read(read, labels):
-    found = read(template("drawer", labels))
-    assert found.name == "drawer" and found.objects.class_names == tuple(labels or ("gripper", "shelf", "cup"))
+    found = read(template('a "drawer"', labels))
+    assert found.name == 'a "drawer"' and found.objects.class_names == tuple(labels or ("gripper", "shelf", "cup"))

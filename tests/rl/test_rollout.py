@@ -10,6 +10,7 @@ from brax.envs.base import State
 
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.rl import ppo
+from graphrl_jax.rl.actors import Actor
 from graphrl_jax.rl.config import PPOConfig
 from graphrl_jax.rl.rollout import evaluate, record
 from graphrl_jax.rl.wrappers import EnvironmentReward
@@ -51,6 +52,40 @@ def test_how_seldom_a_policy_decides_is_all_the_same_if_it_sees_no_change():
     ]
     for name in ppo.OUTCOMES:
         np.testing.assert_allclose(outcomes[1][name], outcomes[0][name], rtol=1e-5, err_msg=name)
+
+
+def shy(_: None) -> Actor:
+    """Pushes with full force, but rests in every second decision."""
+
+    def act(count: jax.Array, state: State, key: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return count + 1, jnp.full((*state.done.shape, 1), 1.0) * (count % 2 == 0)
+
+    return Actor(lambda state, key: jnp.zeros((), jnp.int32), act)
+
+
+@pytest.mark.parametrize("steps", [1, 2])
+def test_any_actor_remembers_from_decision_to_decision(steps):
+    task = Sliding()
+    config = PPOConfig(episode_length=12, decision_steps=steps)
+
+    def pays(pooling: PoolingParams) -> EnvironmentReward:
+        return EnvironmentReward(task, pooling)
+
+    inputs = config, pays, ppo.as_float32(PoolingParams()), None, jax.random.key(1)
+    found = record(task, *inputs, 3, make_actor=shy)
+    ways = np.diff(found.states[0][:, :, 0], axis=1)
+    moves = np.repeat(np.arange(12 // steps) % 2 == 0, steps)[1:]
+    np.testing.assert_allclose(ways, np.broadcast_to(0.1 * moves, (3, 11)), atol=1e-6)
+    outcomes = evaluate(*inputs, num_episodes=3, make_actor=shy)
+    # Half of twelve steps of 0.1.
+    np.testing.assert_allclose(outcomes["score"], 0.6 + starts_of(task, 3), atol=1e-5)
+
+
+def starts_of(task: SlidingBoxes, episodes: int) -> np.ndarray:
+    """Where the first box is at the start of the episodes of `evaluate` with the key 1."""
+    reset_key, _ = jax.random.split(jax.random.key(1))
+    states = jax.vmap(task.reset)(jax.random.split(reset_key, episodes))
+    return np.asarray(states.pipeline_state[0][:, 0])
 
 
 class Sliding(SlidingBoxes):

@@ -13,7 +13,7 @@ from brax.envs.base import State
 from graphrl_jax.demonstrations import Demonstrations, reached_for_good
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.reward.landscape import Grid, Landscape, Scenes
-from graphrl_jax.task import Task
+from graphrl_jax.task import Expert, Task
 
 GOAL = np.array([0.8, 0.3], np.float32)
 SPEED, TOUCH, SIZE = 0.08, 0.1, 0.1
@@ -67,9 +67,7 @@ class Carry(Task):
 
         def episode(key: jax.Array, fails: jax.Array) -> Places:
             def step(places: Places, _: None) -> tuple[Places, Places]:
-                carrying = jnp.linalg.norm(places.robot - places.block) < TOUCH
-                target = jnp.where(carrying, GOAL, places.block)
-                action = jnp.where(fails, 0.0, (target - places.robot) / SPEED)
+                action = jnp.where(fails, 0.0, way_to_goal(places))
                 return move(places, action), places
 
             return jax.lax.scan(step, self.reset(key).pipeline_state, length=self.episode_length)[1]
@@ -90,6 +88,9 @@ class Carry(Task):
             kinds=np.where(kinds, "idle", "success"),
             frames=None if image_size is None else _images(places, image_size),
         )
+
+    def expert(self) -> Expert:
+        return Expert(lambda state, key: (), lambda plan, state, key: (plan, way_to_goal(state.pipeline_state)))
 
     def landscape(self, key: jax.Array) -> Landscape:
         places = np.asarray(jax.random.uniform(key, (64, 2), minval=0.1, maxval=0.9))
@@ -125,6 +126,12 @@ class Carry(Task):
             row, column = (int(np.clip(64 * place, 2, 61)) for place in (y, x))
             frame[row - 2 : row + 3, column - 2 : column + 3] = (0, 128, 0)
         return frames
+
+
+def way_to_goal(places: Places) -> jax.Array:
+    """The expert's action (2,): to the block, and then to the goal; its length may be above 1."""
+    carrying = jnp.linalg.norm(places.robot - places.block) < TOUCH
+    return (jnp.where(carrying, GOAL, places.block) - places.robot) / SPEED
 
 
 def move(places: Places, action: jax.Array) -> Places:

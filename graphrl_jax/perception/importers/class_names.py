@@ -21,7 +21,27 @@ def class_names_of(folder: Path, source: Path) -> tuple[Path, dict[int, str]] | 
     Raises:
       ImportFailure: a file cannot be read, or two files in one folder differ.
     """
-    return _first_names(folder, source, _names_in)
+    return _first_names(folder, source, class_names_in)
+
+
+def class_names_in(path: Path) -> dict[int, str] | None:
+    """Class names of a file by number from 0, None if it holds none.
+
+    Raises:
+      ImportFailure: the file cannot be read.
+    """
+    lines = _lines_in(path, 0)
+    if lines is not None:
+        return lines
+    if path.suffix.lower() not in _YAML_ENDINGS:
+        return None
+    try:
+        # The base loader leaves all values texts, so that a class may be called "no".
+        content = yaml.load(read_text(path), yaml.BaseLoader)
+    except yaml.YAMLError as error:
+        raise ImportFailure(f"{path}: no YAML: {' '.join(str(error).split())}") from None
+    names = content.get("names") if isinstance(content, dict) else None
+    return _by_number(names, path) if isinstance(names, list | dict) else None
 
 
 def lines_of_names(folder: Path, source: Path) -> tuple[Path, dict[int, str]] | None:
@@ -61,22 +81,6 @@ def _places(folder: Path, source: Path) -> list[Path]:
     tops = [index for index, place in enumerate(above) if place == source]
     tops += [index + 1 for index, place in enumerate(above[:-1]) if place.name in _LABEL_FOLDERS][-1:]
     return above[: max(tops, default=0) + 1]
-
-
-def _names_in(path: Path) -> dict[int, str] | None:
-    """Class names by number, None if the file holds none."""
-    lines = _lines_in(path, 0)
-    if lines is not None:
-        return lines
-    if path.suffix.lower() not in _YAML_ENDINGS:
-        return None
-    try:
-        # The base loader leaves all values texts, so that a class may be called "no".
-        content = yaml.load(read_text(path), yaml.BaseLoader)
-    except yaml.YAMLError as error:
-        raise ImportFailure(f"{path}: no YAML: {' '.join(str(error).split())}") from None
-    names = content.get("names") if isinstance(content, dict) else None
-    return _by_number(names, path) if isinstance(names, list | dict) else None
 
 
 def _lines_in(path: Path, first: int) -> dict[int, str] | None:

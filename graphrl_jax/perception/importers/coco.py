@@ -11,6 +11,7 @@ import numpy as np
 from graphrl_jax.perception.detector import Detection
 from graphrl_jax.perception.importers.boxes import box_of_points, checked_box, checked_confidence
 from graphrl_jax.perception.importers.class_names import class_named
+from graphrl_jax.perception.importers.datasets import json_object
 from graphrl_jax.perception.importers.listings import ListedImage, file_name, listed_recordings
 from graphrl_jax.perception.importers.recording import ImportFailure, Recordings, raw_text, read_text
 from graphrl_jax.perception.importers.values import number
@@ -39,6 +40,15 @@ def read_coco(files: list[Path], class_names: Sequence[str]) -> Recordings:
         yield from listed_recordings(path, [_listed(key, image, found[key], path) for key, image in images.items()])
 
 
+def read_categories(path: Path) -> list[str]:
+    """Names of the categories of a file, in its order.
+
+    Raises:
+      ImportFailure: the file cannot be read, is no JSON, or has no categories with names.
+    """
+    return [category["name"] for category in _categories(json_object(read_text(path), str(path)), path)]
+
+
 def _listed(key: Any, image: dict, detections: list[Detection], path: Path) -> ListedImage:
     """An image of the file's list."""
     name = file_name(str(image.get("file_name", key)))
@@ -51,9 +61,8 @@ def _read_file(path: Path, class_names: Sequence[str]) -> tuple[dict[Any, dict],
     """The images of a file and the detections in each, by the images' ids."""
     try:
         content = json.loads(read_text(path))
-        names = {
-            key: category["name"] for key, category in _by_id(content["categories"], f"{path}: categories").items()
-        }
+        categories = _categories(content, path)
+        names = {key: one["name"] for key, one in _by_id(categories, f"{path}: categories").items()}
         images = _by_id(content["images"], f"{path}: images")
         annotations = [dict(annotation) for annotation in content["annotations"]]
     except ImportFailure:
@@ -73,6 +82,20 @@ def _read_file(path: Path, class_names: Sequence[str]) -> tuple[dict[Any, dict],
         if box[2:].any():
             found[key].append(Detection(class_id, box, confidence))
     return images, found
+
+
+def _categories(content: Any, path: Path) -> list[dict]:
+    """The categories of a file, after a check that they have names."""
+    listed = content.get("categories") if isinstance(content, dict) else None
+    if not isinstance(listed, list):
+        raise ImportFailure(
+            f"{path}: not COCO's JSON: categories is of type {type(listed).__name__}; allowed: a list of categories"
+        )
+    for index, category in enumerate(listed):
+        name = category.get("name") if isinstance(category, dict) else None
+        if not isinstance(name, str):
+            raise ImportFailure(f"{path}: categories[{index}]: name is {name!r}; allowed: a text")
+    return listed
 
 
 def _by_id(entries: Iterable[dict], what: str) -> dict[Any, dict]:

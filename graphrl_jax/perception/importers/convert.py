@@ -25,7 +25,14 @@ from graphrl_jax.perception.importers import (
     robomimic,
     videos,
 )
-from graphrl_jax.perception.importers.recording import ImportFailure, Recording, Recordings, files_of, resampled
+from graphrl_jax.perception.importers.recording import (
+    ImportFailure,
+    Recording,
+    Recordings,
+    files_of,
+    resampled,
+    resampled_frames,
+)
 from graphrl_jax.perception.tracking import assign, bridge
 
 ENDINGS: dict[str, tuple[str, ...]] = {
@@ -161,12 +168,25 @@ def guess_format(path: Path) -> str:
 
 
 class Track(NamedTuple):
-    """A recording at the asked frame rate, boxes (T, N, 4) and mask (T, N) of its objects, and notes on tracking."""
+    """A recording at the asked frame rate, with its objects.
+
+    Attributes:
+      recording: the recording, of T frames.
+      boxes: (T, N, 4) float32, boxes of its objects.
+      mask: (T, N) bool, whether they were seen.
+      notes: what tracking did.
+      shown: (T,) int, number of the source's frame that each frame is.
+      source_length: number of the source's frames.
+      source_rate: the source's frames per second, or None if it does not say them.
+    """
 
     recording: Recording
     boxes: np.ndarray
     mask: np.ndarray
     notes: tuple[str, ...]
+    shown: np.ndarray
+    source_length: int
+    source_rate: float | None
 
 
 def tracks_of(
@@ -179,7 +199,10 @@ def tracks_of(
     """
     for read in source.recordings(objects):
         recording = resampled(read, frame_rate)
-        yield Track(recording, *track_recording(recording, objects, detector))
+        length, own = read.length, read.frame_rate
+        shown = resampled_frames(length, own, frame_rate)
+        shown = np.arange(length) if shown is None else shown
+        yield Track(recording, *track_recording(recording, objects, detector), shown, length, own)
 
 
 def track_recording(

@@ -45,6 +45,11 @@ class Recording:
     notes: tuple[str, ...] = ()
     events: Mapping[str, int] | None = None
 
+    @property
+    def length(self) -> int:
+        """Number of frames."""
+        return len(self.frames) if self.frames is not None else len(self.detections or [])
+
 
 MOST_FRAMES = 500_000
 """Of a recording; files that say more are taken for damaged."""
@@ -60,10 +65,9 @@ def resampled(recording: Recording, frame_rate: float | None) -> Recording:
       frame_rate: frames per second.
     """
     own, frames, found = recording.frame_rate, recording.frames, recording.detections
-    length = len(frames) if frames is not None else len(found or [])
-    if own is None or frame_rate is None or not length or same_rate(own, frame_rate):
+    shown = resampled_frames(recording.length, own, frame_rate)
+    if shown is None:
         return recording
-    shown = frames_shown(np.arange(length) / own, length / own, frame_rate)
     events = recording.events
     if events is not None:  # an event is at the first frame shown that is not before it
         events = {name: min(int(np.searchsorted(shown, at)), len(shown) - 1) for name, at in events.items()}
@@ -75,6 +79,19 @@ def resampled(recording: Recording, frame_rate: float | None) -> Recording:
         notes=(*recording.notes, f"resampled from {own:g} to {frame_rate:g} frames per second"),
         events=events,
     )
+
+
+def resampled_frames(length: int, own: float | None, frame_rate: float | None) -> np.ndarray | None:
+    """Numbers of the frames that are shown at another frame rate: (T,) int; None if `resampled` leaves all as they are.
+
+    Args:
+      length: number of frames.
+      own: frames per second, or None if they are unknown.
+      frame_rate: frames per second that are asked for, or None.
+    """
+    if own is None or frame_rate is None or not length or same_rate(own, frame_rate):
+        return None
+    return frames_shown(np.arange(length) / own, length / own, frame_rate)
 
 
 def frames_shown(times: np.ndarray, duration: float, frame_rate: float) -> np.ndarray:

@@ -16,6 +16,7 @@ from graphrl_jax.perception.importers.recording import (
     raw_text,
     read_text,
     resampled,
+    resampled_frames,
 )
 
 
@@ -82,6 +83,13 @@ def test_a_resampled_recording_keeps_its_duration(tmp_path, rate, shown):
     found = [[Detection(number, np.zeros(4, np.float32))] for number in range(6)]
     recording = resampled(Recording(tmp_path, detections=found, frame_rate=8.0), rate)
     assert [frame[0].class_id for frame in recording.detections] == list(shown) and recording.frame_rate == rate
+
+
+def test_the_frames_that_are_shown_are_known_by_their_numbers():
+    np.testing.assert_array_equal(resampled_frames(6, 8.0, 4.0), [0, 2, 4])
+    np.testing.assert_array_equal(resampled_frames(3, 4.0, 8.0), [0, 0, 1, 1, 2, 2])
+    for rates in ((None, 8.0), (8.0, None), (29.97, 30.0)):
+        assert resampled_frames(6, *rates) is None
 
 
 def test_without_rates_nothing_is_resampled(tmp_path):

@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 
+from graphrl_jax.experiment.untrained import evaluate_untrained, untrained
 from tasks.match_regions import layouts, raster
 from tasks.match_regions.expert import FAILURES
 from tests.helpers.match_regions import TASK
@@ -27,3 +28,9 @@ def test_demonstrations_come_with_the_images_of_their_frames():
     for index, frame in ((0, 0), (1, demos.lengths[1] - 1)):
         column, row = np.floor(32 * demos.boxes[index, frame, 2, :2]).astype(int)
         np.testing.assert_allclose(frames[index, frame, row, column] / 255, raster._BLOCKS[layouts.GREEN], atol=0.01)
+
+
+def test_the_expert_as_a_policy_succeeds_and_chance_does_not():
+    found = [evaluate_untrained(untrained(TASK, policy), 16, seed=0) for policy in ("expert", "random")]
+    expert, chance = (one["success_rate"] for one in found)
+    assert expert >= 15 / 16 and chance == 0.0 and found[0]["mean_return"] > found[1]["mean_return"] + 500

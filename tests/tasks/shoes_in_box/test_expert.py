@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from graphrl_jax.experiment.untrained import evaluate_untrained, untrained
 from tasks.shoes_in_box import expert, geometry, kinematics, state
 from tasks.shoes_in_box.exploits import EXPLOITS
 from tasks.shoes_in_box.model import INNER, WALL, WALL_HEIGHT
@@ -165,3 +166,9 @@ def test_a_carried_shoe_is_touched_and_its_events_come_in_order(rollouts):
     first = events.argmax(0)
     assert events[-1].all() and 0 < first[0] < first[1:].min() and not single.touched[first[1:], [0, 1]].any()
     assert np.asarray(jax.vmap(state.score)(single))[-1] == pytest.approx(1.0)
+
+
+@pytest.mark.slow
+def test_the_expert_as_a_policy_succeeds():
+    found = evaluate_untrained(untrained(TASK, "expert"), 4, seed=0)
+    assert found["success_rate"] == found["mean_score"] == 1.0
