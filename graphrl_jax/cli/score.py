@@ -19,7 +19,7 @@ from graphrl_jax.registry import make_task, task_names
 from graphrl_jax.reward.annotations import subtasks_of, write_subtasks
 from graphrl_jax.reward.card import Card
 from graphrl_jax.reward.model import RewardModel
-from graphrl_jax.reward.scoring import Curve, score, summary
+from graphrl_jax.reward.scoring import Curve, at_times, score, summary
 from graphrl_jax.storage import write_json, write_table
 from graphrl_jax.viz.page import spread
 from graphrl_jax.viz.score_page import Scored, scores_page
@@ -42,9 +42,10 @@ def run(request: Score) -> dict[str, Any]:
             if track.recording.frames is None:
                 refuse_useless(request, ["weights", "objects"], "where the source has boxes, no images")
             curve = score(model, track.boxes, track.mask)
-            tables.append(_table(curve, number, index, card))
-            index += len(curve.reward)
             own_rate = track.source_rate or card.frame_rate
+            times = np.arange(track.source_length) / own_rate
+            tables.append(_table(at_times(curve, card.frame_rate, times), times, number, index, card))
+            index += len(times)
             subtasks.append(subtasks_of(curve.subtask, track.shown, track.source_length, own_rate))
             recording, about = track.recording.source, {"episode_index": number, **summary(model, curve)}
             rows.append({"recording": str(recording), **about})
@@ -84,16 +85,16 @@ def _detector(request: Score, card: Card) -> Detector | None:
     return make_task(card.task).detector() if card.task in task_names() else None
 
 
-def _table(curve: Curve, episode: int, first: int, card: Card) -> pa.Table:
-    """A row per frame."""
-    frames = np.arange(len(curve.reward))
+def _table(curve: Curve, times: np.ndarray, episode: int, first: int, card: Card) -> pa.Table:
+    """A row per frame of a recording, which are at `times`."""
+    frames = np.arange(len(times))
     return pa.table(
         {
             "index": pa.array(first + frames, pa.int64()),
             "episode_index": pa.array(np.full(len(frames), episode), pa.int64()),
             "frame_index": pa.array(frames, pa.int64()),
             "progress_sparse": pa.array(curve.progress, pa.float32()),
-            "seconds": pa.array(frames / card.frame_rate, pa.float32()),
+            "seconds": pa.array(times, pa.float32()),
             "distance": pa.array(curve.distance, pa.float32()),
             "reward": pa.array(curve.reward, pa.float32()),
             "subtask": pa.array(curve.subtask, pa.int64()),

@@ -70,6 +70,31 @@ def _activity(boxes: jax.Array, mask: jax.Array, pooling: PoolingParams) -> jax.
     return activity(boxes, mask, pooling.tau, pooling.activity)
 
 
+def at_times(curve: Curve, frame_rate: float, times: np.ndarray) -> Curve:
+    """The curve at other times, such as those of the recording's own frames.
+
+    Args:
+      curve: a curve of T frames.
+      frame_rate: its frames per second.
+      times: (F,) seconds since the first frame.
+
+    Returns:
+      A curve of F frames: distance and reward are interpolated linearly, flags and subtasks are the nearest frame's.
+    """
+    own = np.arange(len(curve.reward)) / frame_rate
+    nearest = np.round(times * frame_rate).astype(int).clip(0, len(own) - 1)
+    distance, reward = (np.interp(times, own, values).astype(np.float32) for values in (curve.distance, curve.reward))
+    return Curve(
+        distance,
+        reward,
+        np.clip(1 + reward, 0, 1),
+        curve.subtask[nearest],
+        curve.active[nearest],
+        curve.found[nearest],
+        int(np.sum(times < curve.rest / frame_rate)),
+    )
+
+
 def summary(model: RewardModel, curve: Curve) -> dict[str, Any]:
     """What a curve says about its recording.
 

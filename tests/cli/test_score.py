@@ -8,11 +8,14 @@ import pytest
 from pyarrow import parquet
 
 from graphrl_jax import cli
+from graphrl_jax.cli import score
+from graphrl_jax.perception.detector import Detection
 from graphrl_jax.registry import make_task
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.viz.video import write_video
 from tests.helpers import hub
 from tests.helpers.commands import call, rejected
+from tests.helpers.robot_datasets import FRAME_RATE, LENGTHS, write_lerobot_v30
 
 MODEL = "checkpoints/match_regions_graph"
 
@@ -45,14 +48,14 @@ def test_recordings_are_scored_and_ranked(recordings, tmp_path):
     table = parquet.read_table(tmp_path / "scores" / "progress.parquet")
     assert table.schema.metadata[b"reward_model_path"] == MODEL.encode()
     rows = table.to_pydict()
-    frames = [row["frames"] for row in sorted(scores["recordings"], key=lambda row: row["episode_index"])]
+    # The videos have twice the model's frame rate, so that every frame of it is the first of two.
+    frames = [2 * row["frames"] for row in sorted(scores["recordings"], key=lambda row: row["episode_index"])]
     np.testing.assert_array_equal(rows["index"], np.arange(sum(frames)))
     np.testing.assert_array_equal(rows["episode_index"], np.repeat([0, 1], frames))
     np.testing.assert_array_equal(rows["frame_index"], np.concatenate([np.arange(count) for count in frames]))
-    np.testing.assert_allclose(np.diff(rows["seconds"][: frames[0]]), 1 / 8, atol=1e-6)
+    np.testing.assert_allclose(np.diff(rows["seconds"][: frames[0]]), 1 / 16, atol=1e-6)
     progress, reward = np.array(rows["progress_sparse"]), np.array(rows["reward"])
     np.testing.assert_allclose(progress, np.clip(1 + reward, 0, 1), atol=1e-6)
-    # The videos have twice the model's frame rate, so that every frame of it is the first of two.
     found = parquet.read_table(tmp_path / "scores" / "subtasks.parquet").to_pylist()
     for row in scores["recordings"]:
         own = found[row["episode_index"]]
@@ -64,6 +67,30 @@ def test_recordings_are_scored_and_ranked(recordings, tmp_path):
     assert len(shares) == 1 + max(len(row["subtasks"]) for row in scores["recordings"]) > 1
     np.testing.assert_allclose(sum(shares.values()), 1.0)
     assert rows["active"][0] == [] and {"star", "square"} <= set(rows["active"][-1])
+
+
+class Shades:
+    """Finds a star whose place is told by a frame's shade, and a robot."""
+
+    def detect(self, frame: np.ndarray) -> list[Detection]:
+        place = frame[..., 1].mean() / 255
+        return [Detection(2, np.array([place, 0.5, 0.1, 0.1])), Detection(1, np.array([0.5, 0.5, 0.1, 0.1]))]
+
+
+def test_the_rows_of_a_dataset_of_robots_are_its_frames(tmp_path, monkeypatch):
+    monkeypatch.setattr(score, "_detector", lambda request, card: Shades())
+    write_lerobot_v30(tmp_path / "dataset")
+    camera = ["--camera", "observation.images.top"]
+    answer = call(cli.main, "score", MODEL, tmp_path / "dataset", *camera, "--out", tmp_path / "scores")
+    assert len(answer["recordings"]) == len(LENGTHS)
+    rows = parquet.read_table(tmp_path / "scores" / "progress.parquet").to_pydict()
+    frames = np.concatenate([np.arange(length) for length in LENGTHS])
+    np.testing.assert_array_equal(rows["index"], np.arange(sum(LENGTHS)))
+    np.testing.assert_array_equal(rows["episode_index"], np.repeat(np.arange(len(LENGTHS)), LENGTHS))
+    np.testing.assert_array_equal(rows["frame_index"], frames)
+    np.testing.assert_allclose(rows["seconds"], frames / FRAME_RATE, atol=1e-6)
+    episodes = parquet.read_table(tmp_path / "scores" / "subtasks.parquet").to_pydict()
+    assert [ends[-1] for ends in episodes["sparse_subtask_end_frames"]] == [length - 1 for length in LENGTHS]
 
 
 def test_a_model_of_the_hub_scores_by_its_name(capsys, recordings, monkeypatch, tmp_path):

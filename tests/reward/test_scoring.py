@@ -11,7 +11,7 @@ from graphrl_jax.encoder.config import EncoderConfig
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.reward.card import Card
 from graphrl_jax.reward.model import RewardModel, demonstration_rewards, fit_reward
-from graphrl_jax.reward.scoring import Curve, score, summary
+from graphrl_jax.reward.scoring import Curve, at_times, score, summary
 from tests.helpers.demonstrations import demonstrations
 from tests.helpers.graphs import OBJECTS
 
@@ -83,6 +83,15 @@ def test_stalls_are_spans_without_a_gain(model):
     assert summary(model, curve_of(progress))["stalls"] == [(0.5, 29 / 8)]
     unfinished = np.concatenate([np.linspace(0, 0.4, 5), np.full(24, 0.4)])
     assert summary(model, curve_of(unfinished))["stalls"] == [(0.5, 29 / 8)]
+
+
+def test_a_curve_at_other_times_is_interpolated():
+    curve = curve_of(np.array([0.0, 0.4, 0.8]), np.array([0, 0, 1]))._replace(rest=2)
+    found = at_times(curve, 2.0, np.array([0.0, 0.25, 0.5, 0.8, 1.0, 1.4]))
+    np.testing.assert_allclose(found.progress, [0, 0.2, 0.4, 0.64, 0.8, 0.8], atol=1e-6)
+    np.testing.assert_allclose(found.distance, 1 - found.progress, atol=1e-6)
+    assert found.subtask.tolist() == [0, 0, 0, 1, 1, 1] and found.rest == 4
+    assert found.found[:, 1].tolist() == [False, False, True, False, False, False]
 
 
 def test_a_model_without_card_scores_nothing(model):
