@@ -6,7 +6,8 @@ Every seed trains a policy of its own on the starts of policy training. Before a
 same unseen episodes, which start as the task's own do. Sizes are those of this package's PPO where both have them;
 an update's data are one episode of each environment. Needs `pip install -e ".[sb3]"`.
 
-Writes stable_baselines.json to `benchmarks/results`.
+Writes stable_baselines.json to `benchmarks/results`, after every training. Trainings of other seeds with the same
+settings that the file holds already stay in it.
 """
 
 import importlib.metadata
@@ -29,7 +30,7 @@ from graphrl_jax.gym.stable_baselines import StableBaselinesVecEnv
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.rl.config import PPOConfig, PPOHyper
 from graphrl_jax.runtime import configure
-from graphrl_jax.storage import write_json
+from graphrl_jax.storage import read_json, write_json
 
 TASK = "match_regions"
 
@@ -123,6 +124,14 @@ def run(options: Options, model: RewardModel, unseen: TaskVectorEnv, seed: int) 
     }
 
 
+def earlier_runs(options: Options, settings: dict[str, Any]) -> list[dict[str, Any]]:
+    """Trainings of other seeds with these settings in the file of the results."""
+    found = read_json(options.out) if options.out.exists() else {"runs": [], "settings": settings}
+    if found["settings"] != settings:
+        return []
+    return [earlier for earlier in found["runs"] if earlier["seed"] not in options.seeds]
+
+
 def main() -> None:
     """Trains, prints and writes."""
     options = tyro.cli(Options, description=__doc__)
@@ -134,7 +143,7 @@ def main() -> None:
     model = RewardModel.load(options.reward_model)
     unseen = TaskVectorEnv(TASK, options.episodes, reward_model=model)
     settings = {name: value for name, value in asdict(options).items() if name not in ("seeds", "out", "reward_model")}
-    runs = []
+    runs = earlier_runs(options, settings)
     for seed in options.seeds:
         runs.append(run(options, model, unseen, seed))
         print(runs[-1])

@@ -13,9 +13,10 @@ def stable_baselines_of(result: Result) -> str:
         for policy in ("untrained", "trained")
     ]
     steps, minutes = runs[0]["env_steps"] / 1e6, mean([run["cpu_s"] for run in runs]) / 60
+    seeds = "1 seed" if len(runs) == 1 else f"{len(runs)} seeds"
     below = (
-        f"{len(runs)} seeds, {result['episodes']} unseen episodes each. A training takes {steps:.1f} M control steps "
-        f"and {minutes:.0f} minutes of one core. Stable-Baselines3 {result['stable_baselines3']} {where(result)}"
+        f"{seeds}, {result['episodes']} unseen episodes each. A training takes {steps:.1f} M control steps and "
+        f"{minutes:.0f} minutes of one core. Stable-Baselines3 {result['stable_baselines3']} {where(result)}"
     )
     return table(["policy", *MEASURES.values()], rows, below)
 

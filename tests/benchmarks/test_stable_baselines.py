@@ -22,4 +22,7 @@ def test_it_trains_and_tells_what_policies_reach_before_and_after(tmp_path, monk
         assert 0 <= run[policy]["success_rate"] <= run[policy]["mean_score"] <= 1
         assert -240 <= run[policy]["mean_return"] < 0
     assert run["trained"]["mean_return"] != run["untrained"]["mean_return"]
+    earlier = benchmark.earlier_runs(benchmark.Options(seeds=(4,), out=out), found["settings"])
+    assert earlier == [run] and not benchmark.earlier_runs(benchmark.Options(seeds=(3,), out=out), found["settings"])
+    assert not benchmark.earlier_runs(benchmark.Options(seeds=(4,), out=out), {**found["settings"], "steps": 7})
     assert found["settings"]["num_envs"] == 2 and found["stable_baselines3"] and found["command"]
