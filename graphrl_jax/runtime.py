@@ -7,6 +7,7 @@ import os
 import platform
 import subprocess
 import time
+import warnings
 from functools import cache, partial
 from pathlib import Path
 
@@ -73,7 +74,7 @@ class ProcessLog:
 
 
 def configure() -> ProcessLog:
-    """Enables the persistent compilation cache and keeps freed memory in the process. Call it once, before computing.
+    """Sets up the persistent compilation cache, warnings and memory of the process. Call it once, before computing.
 
     The cache is in `$JAX_COMPILATION_CACHE_DIR`, else in `$XDG_CACHE_HOME` (or `~/.cache`) `/graphrl_jax/jax`. A user
     without a home folder, as in some containers, has none.
@@ -82,6 +83,8 @@ def configure() -> ProcessLog:
         with contextlib.suppress(RuntimeError):  # of a missing home folder
             cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "graphrl_jax" / "jax"
             jax.config.update("jax_compilation_cache_dir", str(cache))
+    # JAX warns of every fork; the only ones here start ffmpeg, which takes the place of the copied process at once.
+    warnings.filterwarnings("ignore", r"os\.fork\(\) was called", RuntimeWarning)
     _keep_freed_memory()
     return ProcessLog()
 
