@@ -14,6 +14,7 @@ from benchmarks.tables.match_regions import (
     table_1,
     variants_table,
 )
+from benchmarks.tables.scores import scores_table
 from benchmarks.tables.shoes_in_box import discrimination_table, failures_table, subtasks_table, table_2
 from benchmarks.tables.shoes_policies import policies_table
 from benchmarks.tables.stable_baselines import stable_baselines_table
@@ -29,6 +30,7 @@ DOCUMENTS: dict[str, dict[str, tuple[Callable[[], str], ...]]] = {
         "results of Shoes in Box": (discrimination_table, failures_table, subtasks_table),
         "results of policies on Shoes in Box": (policies_table,),
         "results of human demonstrations": (human_table, fidelity_table),
+        "results of scores": (scores_table,),
         "results of sweeps": (sweeps_table,),
         "results of Stable-Baselines3": (stable_baselines_table,),
         "results of alphas": (alphas_table,),
