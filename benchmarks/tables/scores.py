@@ -25,8 +25,8 @@ def scores_of(result: Result) -> str:
     below = (
         f"Drawn videos: ten demonstrations of ten seconds take {seconds['import']:.0f} s to import and "
         f"{seconds['pretrain']:.0f} s to learn from; {result['desk']['scored_seconds']:.0f} s of other videos take "
-        f"{seconds['score']:.0f} s to score {where(result['desk'])}. Human demonstrations: {human['folds']} models, each "
-        f"of the other folds {where(human)}."
+        f"{seconds['score']:.0f} s to score {where(result['desk'])}. Human demonstrations: {human['folds']} models, "
+        f"each of the other folds {where(human)}."
     )
     columns = ["recordings", "number", "look like success", "final progress", "value order", "value order before rest"]
     return table(columns, [_row(_ROWS[name], rows) for name, rows in groups.items() if rows], below)
