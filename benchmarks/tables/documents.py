@@ -4,6 +4,7 @@ from collections.abc import Callable
 
 from benchmarks.tables.cells import ROOT
 from benchmarks.tables.costs import pytorch_table, shoes_throughput_table, sweeps_table, throughput_table
+from benchmarks.tables.faults import faults_table
 from benchmarks.tables.human import fidelity_table, human_table
 from benchmarks.tables.markers import names_in, updated
 from benchmarks.tables.match_regions import (
@@ -34,6 +35,7 @@ DOCUMENTS: dict[str, dict[str, tuple[Callable[[], str], ...]]] = {
         "results of sweeps": (sweeps_table,),
         "results of Stable-Baselines3": (stable_baselines_table,),
         "results of alphas": (alphas_table,),
+        "results of faults": (faults_table,),
     },
 }
 """Tables by the name of their marker, for each document."""
