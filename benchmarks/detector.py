@@ -124,8 +124,8 @@ def write_dataset(folder: Path, names: Sequence[str], counts: dict[str, int], se
     shutil.rmtree(folder, ignore_errors=True)
     for source, (split, count) in zip((TRAIN, UNSEEN), counts.items(), strict=True):
         images, labels = folder / "images" / split, folder / "labels" / split
-        for made in (images, labels):
-            made.mkdir(parents=True)
+        images.mkdir(parents=True)
+        labels.mkdir(parents=True)
         for number, (image, boxes) in enumerate(drawn_images(count, names, (seed, source))):
             Image.fromarray(image).save(images / f"{number:05d}.jpg", quality=92)
             (labels / f"{number:05d}.txt").write_text(label_text(boxes))
@@ -219,27 +219,34 @@ def judged(
 
     Returns:
       By object: the share of images in which it was `found`; `mean_iou` and `least_iou` with its true box where it was
-      found; in how many images the box fits another object better than its own (`identity_errors`); the mean
-      `confidence`.
+      found; in how many images the box fits another object better than its own (`identity_errors`).
     """
-    boxes, confidence = np.full(truth.shape, np.nan, np.float32), np.zeros(truth.shape[:2])
+    boxes = np.full(truth.shape, np.nan, np.float32)
     for index, image in enumerate(images):
         for found in sorted(detector.detect(image), key=lambda found: found.confidence):
-            boxes[index, found.class_id], confidence[index, found.class_id] = found.box, found.confidence
+            boxes[index, found.class_id] = found.box
     between = overlap(corners(boxes)[:, :, None], corners(truth)[:, None])
     seen = ~np.isnan(boxes[..., 0])
-    rows = {}
-    for number, name in enumerate(names):
-        of_object = between[seen[:, number], number]
-        own = of_object[:, number]
-        rows[name] = {
-            "found": float(seen[:, number].mean()),
-            "mean_iou": float(own.mean()) if len(own) else 0.0,
-            "least_iou": float(own.min()) if len(own) else 0.0,
-            "identity_errors": int(np.sum(of_object.argmax(-1) != number)),
-            "confidence": float(confidence[seen[:, number], number].mean()) if len(own) else 0.0,
+    nearest = np.argmax(between, axis=-1)
+    return {
+        name: {
+            **fit(seen[:, number], between[:, number, number]),
+            "identity_errors": int(np.sum(seen[:, number] & (nearest[:, number] != number))),
         }
-    return rows
+        for number, name in enumerate(names)
+    }
+
+
+def fit(seen: np.ndarray, ious: np.ndarray) -> dict[str, float]:
+    """The share of frames in which an object was seen (B,) bool, and the overlap (B,) with its true box in these."""
+    own = ious[seen] if seen.any() else np.zeros(1)
+    return {"found": float(seen.mean()), "mean_iou": float(own.mean()), "least_iou": float(own.min())}
+
+
+def held_by_hand(boxes: np.ndarray, names: Sequence[str], name: str) -> np.ndarray:
+    """Where an object's centre is at most a quarter of the hand's sides from the hand's: (B, N, 4) -> (B,) bool."""
+    hand, other = (boxes[:, names.index(one)] for one in ("hand", name))
+    return (np.abs(other[:, :2] - hand[:, :2]) < hand[:, 2:] / 4).all(-1)
 
 
 def unseen(data: Path) -> tuple[list[np.ndarray], np.ndarray]:
@@ -254,9 +261,7 @@ def film(folder: Path, job: str, source: Sequence[int], about: ObjectsFile) -> t
 
     Args:
       folder: gets `videos/NAME.mp4` and `labels/NAME/*.txt`.
-      job: what is done.
       source: of all randomness; ends in the number of the name.
-      about: the objects.
 
     Returns:
       The true boxes (T, N, 4), and the video's seconds.
@@ -310,15 +315,8 @@ def tracked(demos: Demonstrations, truth: Sequence[np.ndarray]) -> dict[str, dic
     each = zip(demos.boxes, demos.mask, truth, strict=True)
     rows = [(boxes[: len(true)], mask[: len(true)], true) for boxes, mask, true in each]
     boxes, mask, true = (np.concatenate(parts) for parts in zip(*rows, strict=True))
-    fit = overlap(corners(boxes), corners(true))
-    return {
-        name: {
-            "found": float(mask[:, slot].mean()),
-            "mean_iou": float(fit[mask[:, slot], slot].mean()),
-            "least_iou": float(fit[mask[:, slot], slot].min()),
-        }
-        for slot, name in enumerate(demos.objects.names)
-    }
+    ious = overlap(corners(boxes), corners(true))
+    return {name: fit(mask[:, slot], ious[:, slot]) for slot, name in enumerate(demos.objects.names)}
 
 
 def compared(scores: Path, true_scores: Path) -> dict[str, Any]:
@@ -378,11 +376,13 @@ def main() -> None:
     weights = Path(training["weights"])
     detector, (images, truth) = ultralytics(weights, about.objects), unseen(data)
     package = importlib.import_module("ultralytics")
-    exchanged = [image[..., ::-1] for image in images]
+    # Of objects with one centre, a model that predicts one box per place may find only one.
+    held = np.flatnonzero(held_by_hand(truth, names, "cup"))
     report = {
         "training": {**read_json(options.work / "options.json"), **training},
         "unseen_images": judged(detector, images, truth, names),
-        "unseen_images_with_red_and_blue_exchanged": judged(detector, exchanged, truth, names),
+        "cup_in_hand": judged(detector, [images[index] for index in held], truth[held], names)["cup"],
+        "red_and_blue_exchanged": judged(detector, [image[..., ::-1] for image in images], truth, names),
         "frames_per_second": speed(detector, images),
         "video_frames_per_second": desk.FRAME_RATE,
         **import_and_score(options, weights, about),
