@@ -1,7 +1,9 @@
 """Adapters from trained models to detectors."""
 
 import importlib
+import os
 from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +11,9 @@ import numpy as np
 
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.perception.detector import Detection, box_of_corners
+
+_WITH_BOXES = ("detect", "segment", "pose")
+"""Tasks of Ultralytics models whose results have upright boxes."""
 
 
 class ModelDetector:
@@ -68,16 +73,37 @@ def _numbers(values: Any) -> np.ndarray:
 def ultralytics(weights: Path, objects: ObjectTable) -> ModelDetector:
     """A detector from an Ultralytics model, such as YOLO, with the task's class names.
 
+    Weights are a pickle, from which loading may run code. Unless the environment says otherwise (`YOLO_OFFLINE`,
+    `YOLO_AUTOINSTALL`), Ultralytics sends no statistics and installs no packages when this is the first to load it.
+
     Raises:
-      ValueError: the package is not installed, or the model knows none of the task's classes.
+      ValueError: the package is not installed, there is no such file, it holds no model that finds boxes, or the model
+        knows none of the task's classes.
     """
-    try:
-        ultralytics_package = importlib.import_module("ultralytics")
-    except ImportError:
-        raise ValueError('trained detectors need the package ultralytics: pip install "graphrl_jax[detect]"') from None
-    # Ultralytics expects arrays in BGR order, as OpenCV reads images.
+    # Ultralytics looks for a missing file of a well-known name on the network.
+    if not weights.exists():
+        raise ValueError(f"{weights} is missing")
+    model = _yolo(weights)
+    if model.task not in _WITH_BOXES:
+        raise ValueError(f"{weights} is a model for {model.task}; allowed: {', '.join(_WITH_BOXES)}")
     return ModelDetector(
-        ultralytics_package.YOLO(weights),
+        partial(model, verbose=False),  # else it prints a line per frame
         objects.class_names,
+        names=model.names,
+        # Ultralytics expects arrays in BGR order, as OpenCV reads images.
         prepare=lambda frame: np.ascontiguousarray(frame[..., ::-1]),
     )
+
+
+def _yolo(weights: Path) -> Any:
+    """An Ultralytics model from a file."""
+    os.environ.setdefault("YOLO_OFFLINE", "true")
+    os.environ.setdefault("YOLO_AUTOINSTALL", "false")
+    try:
+        package = importlib.import_module("ultralytics")
+    except ImportError:
+        raise ValueError('trained detectors need the package ultralytics: pip install "graphrl_jax[detect]"') from None
+    try:
+        return package.YOLO(weights)
+    except Exception as error:  # of whatever kind, as it unpickles
+        raise ValueError(f"{weights} holds no Ultralytics model: {' '.join(str(error).split())}") from None
