@@ -14,7 +14,7 @@ from benchmarks import detector
 from docs.examples.desk import make_videos as desk
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.perception.detector import Detection
-from graphrl_jax.storage import write_json, write_table
+from graphrl_jax.storage import read_json, write_json, write_table
 from tests.helpers.outside_package import REPOSITORY
 
 NAMES = ("hand", "tray", "cup", "book")
@@ -168,3 +168,33 @@ print(len(tried))
     answer = subprocess.run([sys.executable, "-c", code], cwd=REPOSITORY, capture_output=True, text=True, check=True)
     assert answer.stdout.splitlines()[-3:] == ["this benchmark does not use the network"] * 2 + ["2"]
     assert (tmp_path / "settings" / "Ultralytics" / "Arial.ttf").exists()
+
+
+def test_the_documents_tell_the_results():
+    told = read_json(REPOSITORY / detector.RESULTS / "detector.json")
+    pages = {
+        name: " ".join((REPOSITORY / "docs" / f"{name}.md").read_text().split()) for name in ("benchmarks", "video")
+    }
+    rows, speed, apart = told["unseen_images"], told["frames_per_second"], told["reward_difference"]
+    looks = [[row[kind]["looks_like_success"] for row in told["recordings"].values()] for kind in ("detected", "true")]
+    found = {name: f"{row['found']:.0%} with".replace("%", " %") for name, row in rows.items()}
+    assert "the hand is found in {hand} a mean overlap (IoU) of".format(**found) in pages["benchmarks"]
+    assert all(f"{row['mean_iou']:.2f}" in pages["benchmarks"] for row in rows.values())
+    for text in (
+        "the tray in {tray} {0:.2f}, the cup in {cup} {1:.2f} and the book in {book} {2:.2f}".format(
+            *(rows[name]["mean_iou"] for name in ("tray", "cup", "book")), **found
+        ),
+        f"the least overlap is {min(row['least_iou'] for row in rows.values()):.2f}.",
+        f"where {100 * told['cup_in_hand']['found']:.0f} % are found",
+        f"differ by {apart['mean']:.3f} on average from those of true boxes, and by up to {apart['most']:.2f} while",
+        f"sees {speed['of_the_cores_time']:.0f} frames per second of a core's time, and the videos play "
+        f"{told['video_frames_per_second']}; by the clock it saw {speed['by_the_clock']:.0f},",
+    ):
+        assert text in pages["benchmarks"]
+    assert f"differ by {apart['mean']:.3f} on average" in pages["video"]
+    assert f"{told['training']['cpu_seconds'] / 60:.0f} minutes of one core" in pages["video"]
+    assert sum(row["identity_errors"] for row in rows.values()) == 0 and not told["tried_on_the_network"]
+    assert told["rank_correlation"]["of_recordings"] == 1 and looks[0] == looks[1] and len(looks[0]) == 8
+    for name in ("cup", "book"):
+        row = told["red_and_blue_exchanged"][name]
+        assert row["identity_errors"] == round(row["found"] * told["training"]["unseen"]) > 0
