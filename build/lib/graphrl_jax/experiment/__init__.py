@@ -1,1 +1,0 @@
-"""Experiments: demonstrations -> encoder -> reward -> policy -> summary, for one run or for many side by side."""

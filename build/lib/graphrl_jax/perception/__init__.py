@@ -1,1 +1,0 @@
-"""Perception: detection of objects in images, tracking over time, and import of recordings as demonstrations."""

@@ -1,1 +1,0 @@
-"""Pretraining of an encoder on demonstrations by soft TCC plus reconstruction."""

@@ -1,1 +1,0 @@
-"""Reinforcement learning: reward wrappers, PPO, and rollouts of a policy."""

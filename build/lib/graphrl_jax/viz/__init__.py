@@ -1,1 +1,0 @@
-"""Plots, drawings and videos."""
