@@ -49,8 +49,8 @@ NEW_VIDEOS = {"both": 4, "cup": 2, "nothing": 2}
 """Videos to score, by what is done in them."""
 TRAIN, UNSEEN, DEMONSTRATIONS, NEW = range(4)
 """Sources of randomness, so that no scene occurs in two places."""
-RING = (60 / 2, 60 / 2 * np.cos(np.radians(40)))
-"""Of the hand's ring in pixels: its radius, and its right side, which is open by 40 degrees up and down."""
+RING = (desk.SIZES["hand"][0] / 2, desk.SIZES["hand"][0] / 2 * np.cos(np.radians(desk.OPENING)))
+"""Of the hand's ring in pixels: its radius, and its right side, which is open."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +90,7 @@ def true_boxes(places: dict[str, np.ndarray], names: Sequence[str]) -> np.ndarra
     """
     rows = []
     for name in names:
-        half = np.array({"tray": desk.TRAY, **desk.SIZES}.get(name, (0, 0))) / 2
+        half = np.array(desk.SIZES[name]) / 2
         low, high = (half, half) if name != "hand" else (np.full(2, RING[0]), np.array(RING[::-1]))
         pixel = np.floor if name in ("hand", "cup") else np.round  # as Pillow draws arcs, ellipses and rectangles
         first, last = pixel(places[name] - low), pixel(places[name] + high)  # both of them drawn

@@ -1,7 +1,8 @@
-"""The runtime of programs: compiler options, compilation cache, memory, and the versions that results record."""
+"""The runtime of programs: compilation and its cache, memory, optional packages, and versions that results record."""
 
 import contextlib
 import ctypes
+import importlib
 import importlib.metadata
 import os
 import platform
@@ -10,6 +11,7 @@ import time
 import warnings
 from functools import cache, partial
 from pathlib import Path
+from types import ModuleType
 
 import jax
 import jax.monitoring
@@ -98,6 +100,24 @@ def _keep_freed_memory() -> None:
     for parameter in (_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD):
         mallopt(parameter, ctypes.c_int(_KEEP_BYTES))
     mallopt(_M_TOP_PAD, ctypes.c_int(_TOP_PAD_BYTES))
+
+
+def optional_package(name: str, extra: str, why: str, failure: type[ValueError] = ValueError) -> ModuleType:
+    """A package that an extra of graphrl_jax installs.
+
+    Args:
+      name: of the package.
+      extra: of graphrl_jax.
+      why: begins the message, such as `trained detectors need`.
+      failure: kind of the error.
+
+    Raises:
+      ValueError: it is not installed.
+    """
+    try:
+        return importlib.import_module(name)
+    except ImportError:
+        raise failure(f'{why} the package {name}: pip install "graphrl_jax[{extra}]"') from None
 
 
 def versions() -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""Storage: atomic writes, JSON, tables, and pytrees by key path."""
+"""Storage: atomic writes, JSON, and pytrees by key path."""
 
 import json
 import math
@@ -12,8 +12,6 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-import pyarrow as pa
-from pyarrow import parquet
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
@@ -59,11 +57,6 @@ def write_arrays(path: Path, arrays: dict[str, Any]) -> None:
             np.savez_compressed(file, **arrays)
 
     write_atomically(path, write)
-
-
-def write_table(path: Path, table: pa.Table) -> None:
-    """Writes a table as a parquet file, atomically."""
-    write_atomically(path, lambda temporary: parquet.write_table(table, temporary))
 
 
 def to_json(value: Any, indent: int | None = None) -> str:

@@ -16,11 +16,11 @@ from graphrl_jax.perception.model_detector import ultralytics
 from graphrl_jax.perception.objects_file import read_objects
 from graphrl_jax.progress import Progress
 from graphrl_jax.registry import make_task, task_names
-from graphrl_jax.reward.annotations import subtasks_of, write_subtasks
+from graphrl_jax.reward.annotations import subtasks_of, write_subtasks, write_table
 from graphrl_jax.reward.card import Card
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.reward.scoring import Curve, at_times, score, summary
-from graphrl_jax.storage import write_json, write_table
+from graphrl_jax.storage import write_json
 from graphrl_jax.viz.page import spread
 from graphrl_jax.viz.score_page import Scored, scores_page
 

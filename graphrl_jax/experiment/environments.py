@@ -24,10 +24,9 @@ def environment_of(task: Task, reward: str) -> Callable[[Any], EnvironmentReward
     return lambda reward_params: wrapper(task, reward_params)
 
 
-def environment_of_model(task: Task, model: RewardModel) -> Callable[[Any], EnvironmentReward]:
-    """As `environment_of`, for a reward model whose method is not known; by what it takes."""
-    wrapper = WRAPPERS["graphs" if model.image_size is None else "images"]
-    return lambda reward_params: wrapper(task, reward_params)
+def reward_like(model: RewardModel) -> str:
+    """A reward of `METHODS` with the input of a reward model, for a model whose method is not known."""
+    return "graph" if model.image_size is None else "xirl"
 
 
 class TrainingParams(NamedTuple):

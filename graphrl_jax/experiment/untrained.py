@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from graphrl_jax.encoder.pooling import PoolingParams
-from graphrl_jax.experiment.environments import environment_of, environment_of_model
+from graphrl_jax.experiment.environments import environment_of, reward_like
 from graphrl_jax.experiment.evaluation import averages
 from graphrl_jax.experiment.keys import RunStage, stage_key
 from graphrl_jax.reward.model import RewardModel
@@ -54,7 +54,7 @@ def untrained(task: Task, policy: str, model: RewardModel | None = None) -> Untr
         return Untrained(task, config, environment_of(task, "env"), ppo.as_float32(PoolingParams()), actor)
     if model.card is None or model.card.objects != task.objects:
         raise ValueError(f"the reward model has other objects than task {task.name}; allowed: {task.objects.names}")
-    return Untrained(task, config, environment_of_model(task, model), model, actor)
+    return Untrained(task, config, environment_of(task, reward_like(model)), model, actor)
 
 
 def evaluate_untrained(untrained: Untrained, episodes: int, seed: int) -> dict[str, Any]:

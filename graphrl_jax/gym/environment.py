@@ -75,11 +75,7 @@ class TaskEnv(gymnasium.Env):
         """The first observation of the next episode, or of the first one of a seed, and its `info`."""
         super().reset(seed=seed)
         refuse_options(options)
-        if self._state is None or seed is not None:
-            drawn = self.np_random.integers(2**31) if seed is None else seed
-            self._state, frame = self._simulation.begin(seeds_of(drawn, 1))
-        else:
-            self._state, frame = self._simulation.renew(self._state)
+        self._state, frame = next_episodes(self._simulation, self._state, 1, seed, self.np_random)
         return frame.obs[0], _info(frame)
 
     def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
@@ -107,11 +103,7 @@ class TaskEnv(gymnasium.Env):
         Raises:
           ResetNeeded: the environment has not been reset yet.
         """
-        if self.render_mode is None:
-            return None
-        if self._state is None:
-            raise ResetNeeded("render needs a reset before")
-        return drawings(self._simulation, self._state)[0]
+        return None if self.render_mode is None else drawings(self._simulation, self._state)[0]
 
 
 def _info(frame: Frame) -> dict[str, Any]:
@@ -130,6 +122,18 @@ def spaces_of(simulation: Simulation) -> tuple[Box, Box]:
 def seeds_of(seed: int, count: int) -> np.ndarray:
     """Seeds of `count` environments: (count,) uint32; as in Gymnasium, the i-th one has the seed `seed` + i."""
     return ((int(seed) % 2**32 + np.arange(count)) % 2**32).astype(np.uint32)
+
+
+def next_episodes(
+    simulation: Simulation, state: State | None, count: int, seed: int | None, random: np.random.Generator
+) -> tuple[State, Frame]:
+    """First states of `count` environments, of a seed if one is given, else of the episodes after those of `state`.
+
+    Without either, as at the first reset, a seed is drawn from `random`.
+    """
+    if state is not None and seed is None:
+        return simulation.renew(state)
+    return simulation.begin(seeds_of(random.integers(2**31) if seed is None else seed, count))
 
 
 def checked_actions(actions: Any, shape: tuple[int, ...]) -> np.ndarray:
@@ -164,8 +168,14 @@ def refuse_unknown_mode(render_mode: str | None) -> None:
         raise ValueError(f"render_mode is {render_mode!r}; allowed: {', '.join(RENDER_MODES)}, or None")
 
 
-def drawings(simulation: Simulation, state: State) -> list[np.ndarray]:
-    """The task's drawing of every environment's state, each (H, W, 3) uint8."""
+def drawings(simulation: Simulation, state: State | None) -> list[np.ndarray]:
+    """The task's drawing of every environment's state, each (H, W, 3) uint8.
+
+    Raises:
+      ResetNeeded: there is no state yet.
+    """
+    if state is None:
+        raise ResetNeeded("render needs a reset before")
     physics = jax.tree.map(np.asarray, state.pipeline_state)
     count = len(state.done)
     return [simulation.task.draw(jax.tree.map(lambda leaf, i=i: leaf[i], physics)) for i in range(count)]

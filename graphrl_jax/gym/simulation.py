@@ -19,6 +19,7 @@ from graphrl_jax.experiment.environments import (
     TrainingParams,
     environment_of,
     refuse_undrawn,
+    reward_like,
     training_environment_of,
 )
 from graphrl_jax.experiment.settings import compose
@@ -132,7 +133,7 @@ def make_simulation(
     if reward_model is not None:
         model = reward_model if isinstance(reward_model, RewardModel) else RewardModel.load(reward_model)
         refuse_other(model, made)
-        reward = "graph" if model.image_size is None else "xirl"
+        reward = reward_like(model)
         refuse_undrawn(made, reward)
         # Programs are the same for all cards.
         params, pooling = replace(model, card=None), model.pooling

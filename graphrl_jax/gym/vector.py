@@ -13,9 +13,9 @@ from graphrl_jax.gym.environment import (
     RENDER_MODES,
     checked_actions,
     drawings,
+    next_episodes,
     refuse_options,
     refuse_unknown_mode,
-    seeds_of,
     spaces_of,
 )
 from graphrl_jax.gym.simulation import Frame, make_simulation
@@ -79,11 +79,7 @@ class TaskVectorEnv(VectorEnv):
         """The first observations (B, O) of the next episodes, or of the first ones of a seed, and their `infos`."""
         super().reset(seed=seed)
         refuse_options(options)
-        if self._state is None or seed is not None:
-            drawn = self.np_random.integers(2**31) if seed is None else seed
-            self._state, frame = self._simulation.begin(seeds_of(drawn, self.num_envs))
-        else:
-            self._state, frame = self._simulation.renew(self._state)
+        self._state, frame = next_episodes(self._simulation, self._state, self.num_envs, seed, self.np_random)
         return frame.obs, _infos(frame, np.ones(self.num_envs, bool))
 
     def step(self, actions: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
@@ -106,11 +102,7 @@ class TaskVectorEnv(VectorEnv):
         Raises:
           ResetNeeded: the environments have not been reset yet.
         """
-        if self.render_mode is None:
-            return None
-        if self._state is None:
-            raise ResetNeeded("render needs a reset before")
-        return tuple(drawings(self._simulation, self._state))
+        return None if self.render_mode is None else tuple(drawings(self._simulation, self._state))
 
 
 def _infos(frame: Frame, told: np.ndarray) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """Adapters from trained models to detectors."""
 
-import importlib
 import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -11,6 +10,7 @@ import numpy as np
 
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.perception.detector import Detection, box_of_corners
+from graphrl_jax.runtime import optional_package
 
 _WITH_BOXES = ("detect", "segment", "pose")
 """Tasks of Ultralytics models whose results have upright boxes."""
@@ -99,10 +99,7 @@ def _yolo(weights: Path) -> Any:
     """An Ultralytics model from a file."""
     os.environ.setdefault("YOLO_OFFLINE", "true")
     os.environ.setdefault("YOLO_AUTOINSTALL", "false")
-    try:
-        package = importlib.import_module("ultralytics")
-    except ImportError:
-        raise ValueError('trained detectors need the package ultralytics: pip install "graphrl_jax[detect]"') from None
+    package = optional_package("ultralytics", "detect", "trained detectors need")
     try:
         return package.YOLO(weights)
     except Exception as error:  # of whatever kind, as it unpickles

@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
+from pyarrow import parquet
 
-from graphrl_jax.storage import write_json, write_table
+from graphrl_jax.storage import write_atomically, write_json
 
 SUBTASKS, PROPORTIONS = "subtasks.parquet", "temporal_proportions_sparse.json"
 _SCHEMA = pa.schema(
@@ -75,6 +76,11 @@ def proportions(episodes: Sequence[Subtasks]) -> dict[str, float]:
     lengths = [np.pad(episode.last - episode.first + 1, (0, most - len(episode.first))) for episode in episodes]
     shares = np.mean([length / length.sum() for length in lengths], axis=0)
     return dict(zip(_names(most), map(float, shares), strict=True))
+
+
+def write_table(path: Path, table: pa.Table) -> None:
+    """Writes a table as a parquet file, atomically."""
+    write_atomically(path, lambda temporary: parquet.write_table(table, temporary))
 
 
 def _row(index: int, episode: Subtasks) -> dict[str, object]:

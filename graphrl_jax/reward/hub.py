@@ -4,9 +4,10 @@ import importlib
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 from graphrl_jax.reward.card import CONFIG, MODEL, README
+from graphrl_jax.runtime import optional_package
 
 FILES = (CONFIG, MODEL, README)
 _NAME = re.compile(r"\w[\w.-]*/\w[\w.-]*")
@@ -29,7 +30,7 @@ def download(name: str | Path, revision: str | None = None) -> Path:
       ValueError: the package is not installed, the hub cannot be reached, or it has no such model or revision.
     """
     name = Path(name).as_posix()
-    hub = _package(f"{name} is no folder here, and models of the hub need")
+    hub = optional_package("huggingface_hub", "hub", f"{name} is no folder here, and models of the hub need")
 
     def ask() -> str:
         return hub.snapshot_download(name, revision=revision, allow_patterns=list(FILES))
@@ -54,7 +55,7 @@ def upload(folder: Path, name: str, private: bool | None = None, revision: str |
     """
     if not _NAME.fullmatch(name):
         raise ValueError(f"the name of a model on the hub is {name!r}; allowed: owner/name")
-    hub = _package("models on the hub need")
+    hub = optional_package("huggingface_hub", "hub", "models on the hub need")
 
     def ask() -> str:
         address = hub.create_repo(name, private=private, exist_ok=True)
@@ -68,18 +69,6 @@ def upload(folder: Path, name: str, private: bool | None = None, revision: str |
         return str(address)
 
     return _asked(ask, f"{name} cannot be written to the hub", name, revision)
-
-
-def _package(why: str) -> Any:
-    """The package `huggingface_hub`.
-
-    Raises:
-      ValueError: it is not installed; the message begins with `why`.
-    """
-    try:
-        return importlib.import_module("huggingface_hub")
-    except ImportError:
-        raise ValueError(f'{why} the package huggingface_hub: pip install "graphrl_jax[hub]"') from None
 
 
 def _asked(ask: Callable[[], Answer], failure: str, name: str, revision: str | None) -> Answer:

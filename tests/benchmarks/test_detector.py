@@ -14,7 +14,8 @@ from benchmarks import detector
 from docs.examples.desk import make_videos as desk
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.perception.detector import Detection
-from graphrl_jax.storage import read_json, write_json, write_table
+from graphrl_jax.reward.annotations import write_table
+from graphrl_jax.storage import read_json, write_json
 from tests.helpers.outside_package import REPOSITORY
 
 NAMES = ("hand", "tray", "cup", "book")

@@ -3,31 +3,20 @@
 import inspect
 from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
 import yaml
 
-from graphrl_jax.encoder import encoder
-from graphrl_jax.encoder.config import EncoderConfig
-from graphrl_jax.encoder.pooling import PoolingParams
-from graphrl_jax.reward.card import Card
 from graphrl_jax.reward.hub import FILES, on_hub
-from graphrl_jax.reward.model import RewardModel, fit_reward
+from graphrl_jax.reward.model import RewardModel
 from tests.helpers import hub as stand_in
-from tests.helpers.demonstrations import demonstrations
-from tests.helpers.graphs import OBJECTS
 from tests.helpers.hub import Hub
-
-CONFIG = EncoderConfig(num_layers=1, hidden=4, embedding=3)
-DEMOS = demonstrations(num=4, num_frames=10)
-CARD = Card(OBJECTS, 8.0, CONFIG, "displacement", "sorting", "made up", 4, -0.1)
+from tests.helpers.reward_models import small_model
 
 
 @pytest.fixture(scope="module")
 def model() -> RewardModel:
-    params = jax.jit(encoder.init, static_argnums=(1, 2))(jax.random.key(0), CONFIG, OBJECTS)
-    return replace(fit_reward(params, DEMOS, PoolingParams(alpha=2.0, tau=0.02)), card=CARD)
+    return small_model()
 
 
 @pytest.fixture

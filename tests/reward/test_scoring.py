@@ -2,28 +2,18 @@
 
 from dataclasses import replace
 
-import jax
 import numpy as np
 import pytest
 
-from graphrl_jax.encoder import encoder
-from graphrl_jax.encoder.config import EncoderConfig
-from graphrl_jax.encoder.pooling import PoolingParams
-from graphrl_jax.reward.card import Card
-from graphrl_jax.reward.model import RewardModel, demonstration_rewards, fit_reward
+from graphrl_jax.reward.model import RewardModel, demonstration_rewards
 from graphrl_jax.reward.scoring import Curve, at_times, score, summary
-from tests.helpers.demonstrations import demonstrations
 from tests.helpers.graphs import OBJECTS
-
-CONFIG = EncoderConfig(num_layers=1, hidden=4, embedding=3)
-DEMOS = demonstrations(num=4, num_frames=10)
-CARD = Card(OBJECTS, 8.0, CONFIG, "displacement", "sorting", "made up", 4, -0.1)
+from tests.helpers.reward_models import DEMOS, small_model
 
 
 @pytest.fixture(scope="module")
 def model() -> RewardModel:
-    params = jax.jit(encoder.init, static_argnums=(1, 2))(jax.random.key(0), CONFIG, OBJECTS)
-    return replace(fit_reward(params, DEMOS, PoolingParams(alpha=2.0, tau=0.02)), card=CARD)
+    return small_model()
 
 
 def test_a_curve_is_that_of_the_reward(model):

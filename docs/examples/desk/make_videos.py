@@ -23,9 +23,10 @@ COLOURS = {
     "cup": (214, 69, 65),
     "book": (58, 110, 190),
 }
-SIZES = {"cup": (26, 26), "book": (44, 32)}
+SIZES = {"hand": (60, 60), "tray": (96, 76), "cup": (26, 26), "book": (44, 32)}
+OPENING = 40
+"""Degrees by which the hand's ring is open, up and down from its right side."""
 JOBS = {"both": ("cup", "book"), "cup": ("cup",), "nothing": ()}
-TRAY = (96, 76)
 NOISE = 4.0
 """Standard deviation of the image's noise, in grey levels."""
 
@@ -55,19 +56,21 @@ def motion(draw: np.random.Generator, moved: tuple[str, ...]) -> Iterator[dict[s
         for _ in range(round(seconds * FRAME_RATE)):
             yield dict(places)
 
+    def travel(
+        names: tuple[str, ...], start: np.ndarray, end: np.ndarray, seconds: float
+    ) -> Iterator[dict[str, np.ndarray]]:
+        for place in path(start, end, seconds):
+            places.update(dict.fromkeys(names, place))
+            yield dict(places)
+
     yield from pause(draw.uniform(0.2, 0.6))
     for name in draw.permutation(list(sides)):
-        for hand in path(places["hand"], places[name], draw.uniform(1.2, 1.8)):
-            places["hand"] = hand
-            yield dict(places)
+        yield from travel(("hand",), places["hand"], places[name], draw.uniform(1.2, 1.8))
         spot = places["tray"] + (23 * sides[name], draw.uniform(-12, 12))
-        for place in path(places[name], spot, draw.uniform(1.8, 2.6)):
-            places |= {"hand": place, name: place} if name in moved else {"hand": place}
-            yield dict(places)
+        carried = ("hand", name) if name in moved else ("hand",)
+        yield from travel(carried, places[name], spot, draw.uniform(1.8, 2.6))
         yield from pause(draw.uniform(0.1, 0.3))
-    for hand in path(places["hand"], draw.uniform((40, 40), (150, HEIGHT - 40)), 0.8):
-        places["hand"] = hand
-        yield dict(places)
+    yield from travel(("hand",), places["hand"], draw.uniform((40, 40), (150, HEIGHT - 40)), 0.8)
     yield from pause(0.3)
 
 
@@ -76,14 +79,14 @@ def image(places: dict[str, np.ndarray], draw: np.random.Generator) -> np.ndarra
     canvas = Image.new("RGB", (WIDTH, HEIGHT), COLOURS["desk"])
     pen = ImageDraw.Draw(canvas)
 
-    def corners(name: str, size: tuple[float, float]) -> tuple[float, ...]:
-        (x, y), (width, height) = places[name], size
+    def corners(name: str) -> tuple[float, ...]:
+        (x, y), (width, height) = places[name], SIZES[name]
         return x - width / 2, y - height / 2, x + width / 2, y + height / 2
 
-    pen.rounded_rectangle(corners("tray", TRAY), 8, fill=COLOURS["tray"])
-    pen.rounded_rectangle(corners("book", SIZES["book"]), 3, fill=COLOURS["book"])
-    pen.ellipse(corners("cup", SIZES["cup"]), fill=COLOURS["cup"])
-    pen.arc(corners("hand", (60, 60)), 40, 320, fill=COLOURS["hand"], width=9)
+    pen.rounded_rectangle(corners("tray"), 8, fill=COLOURS["tray"])
+    pen.rounded_rectangle(corners("book"), 3, fill=COLOURS["book"])
+    pen.ellipse(corners("cup"), fill=COLOURS["cup"])
+    pen.arc(corners("hand"), OPENING, 360 - OPENING, fill=COLOURS["hand"], width=9)
     noisy = np.asarray(canvas, np.float32) + draw.normal(0, NOISE, (HEIGHT, WIDTH, 1))
     return noisy.clip(0, 255).astype(np.uint8)
 

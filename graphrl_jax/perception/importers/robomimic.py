@@ -1,6 +1,5 @@
 """Reader of robomimic's HDF5 files."""
 
-import importlib
 import re
 from pathlib import Path, PurePath
 from typing import Any
@@ -9,6 +8,7 @@ import numpy as np
 
 from graphrl_jax.perception.importers.datasets import chosen_camera, json_object, rate, whole
 from graphrl_jax.perception.importers.recording import ImportFailure, Recording, Recordings, natural_key
+from graphrl_jax.runtime import optional_package
 
 _DEMONSTRATION = re.compile("demo_(0|[1-9][0-9]*)")
 _CAMERA = re.compile("(.+)_image")
@@ -27,10 +27,7 @@ def read_robomimic(files: list[Path], camera: str | None) -> Recordings:
     Raises:
       ImportFailure: h5py is not installed, a file is damaged, or a field is missing or wrong.
     """
-    try:
-        h5py = importlib.import_module("h5py")
-    except ImportError:
-        raise ImportFailure('files of robomimic need the package h5py: pip install "graphrl_jax[robomimic]"') from None
+    h5py = optional_package("h5py", "robomimic", "files of robomimic need", ImportFailure)
     for path in files:
         try:
             with h5py.File(path, "r") as file:
