@@ -4,9 +4,9 @@
 
 What is timed are optimiser steps (gradient of TCC and reconstruction, clipping, Adam), for JAX as `trainer.run` makes
 them, for PyTorch eagerly, once with all pairs of sequences in one tensor and once pair by pair, as XIRL's released code
-runs. Both are on the CPU, with the same threads and the same formulas. Compared first are the losses, before and after
-as many steps as a call makes. They take turns several steps at a time: right after the other's, a step finds its
-threads still spinning. Writes benchmarks/results/pytorch.json.
+runs. Both are on the device that JAX finds, with the same formulas and, on a CPU, the same threads. Compared first are
+the losses, before and after as many steps as a call makes. They take turns several steps at a time: right after the
+other's, a step finds its threads still spinning. Writes benchmarks/results/pytorch.json (on a GPU: pytorch_gpu.json).
 """
 
 import os
@@ -86,7 +86,7 @@ def embed(params: dict[str, Any], graph: dict[str, torch.Tensor], hyper: Pretrai
     centres = INPUT_SCALE * boxes[..., :2]
     offsets = centres[..., None, :, :] - centres[..., :, None, :]
     distances = offsets.square().sum(-1, keepdim=True).clamp_min(1e-12).sqrt()
-    others = mask[..., None, :] & ~torch.eye(mask.shape[-1], dtype=torch.bool)
+    others = mask[..., None, :] & ~torch.eye(mask.shape[-1], dtype=torch.bool, device=mask.device)
     weights = others.float() / others.float().sum(-1, keepdim=True).clamp_min(1.0)
     nodes = torch.relu(perceptron(params["input"], torch.cat([graph["classes"], INPUT_SCALE * (boxes - 0.5)], -1)))
     for layer in params["layers"]:
@@ -118,7 +118,7 @@ def tcc(embeddings: torch.Tensor, times: torch.Tensor, temperature: float, pair_
     if pair_by_pair:
         losses = [cycle(embeddings[i], embeddings[j], times[i]) for i in range(count) for j in range(count) if i != j]
         return torch.stack(losses).mean()
-    first, second = torch.where(~torch.eye(count, dtype=torch.bool))
+    first, second = torch.where(~torch.eye(count, dtype=torch.bool, device=times.device))
     return cycle(embeddings[first], embeddings[second], times[first]).mean()
 
 
@@ -131,10 +131,11 @@ def reconstruction(decoder: Any, nodes: torch.Tensor, graph: dict[str, torch.Ten
 
 def torch_steps(hyper: PretrainHyper, params: Any, batches: list[Batch], pair_by_pair: bool) -> Callable[[], float]:
     """The same in PyTorch."""
+    device = "cpu" if jax.default_backend() == "cpu" else "cuda"
     leaves: list[torch.Tensor] = []
 
     def leaf(array: Any) -> torch.Tensor:
-        leaves.append(torch.tensor(np.asarray(array), requires_grad=True))
+        leaves.append(torch.tensor(np.asarray(array), device=device, requires_grad=True))
         return leaves[-1]
 
     def layers(perceptron: Any) -> list[tuple[torch.Tensor, torch.Tensor]]:
@@ -149,8 +150,8 @@ def torch_steps(hyper: PretrainHyper, params: Any, batches: list[Batch], pair_by
     }
     seen = [
         (
-            {name: torch.tensor(np.asarray(value)) for name, value in vars(graph).items()},
-            torch.tensor(np.asarray(times)),
+            {name: torch.tensor(np.asarray(value), device=device) for name, value in vars(graph).items()},
+            torch.tensor(np.asarray(times), device=device),
         )
         for graph, _, times in batches
     ]
@@ -163,7 +164,7 @@ def torch_steps(hyper: PretrainHyper, params: Any, batches: list[Batch], pair_by
         ) * reconstruction(ours["decoder"], nodes, graph)
 
     def call() -> float:
-        last = torch.tensor(0.0)
+        last = torch.tensor(0.0, device=device)
         for graph, times in seen:
             optimizer.zero_grad()
             last = loss(graph, times)
@@ -191,7 +192,6 @@ def steps_of(
 def main() -> None:
     """Compares the losses, measures, prints and writes."""
     options = tyro.cli(Options, description=__doc__)
-    jax.config.update("jax_platforms", "cpu")
     configure()
     torch.set_num_threads(len(os.sched_getaffinity(0)))
     where = measured_on("pytorch") | {"torch": torch.__version__, "threads": torch.get_num_threads()}
@@ -216,7 +216,7 @@ def main() -> None:
         "seconds": seconds,
         **where,
     }
-    write_json(RESULTS / "pytorch.json", report)
+    write_json(RESULTS / ("pytorch.json" if jax.default_backend() == "cpu" else "pytorch_gpu.json"), report)
     print({name: round(value, 2) for name, value in report["times_faster"].items()})
 
 

@@ -10,12 +10,14 @@ import numpy as np
 import pytest
 import tyro
 
-from benchmarks import table1, throughput
+from benchmarks import devices, shoes_policies, throughput
 from graphrl_jax.registry import make_task
 from graphrl_jax.runtime import jit_physics
 from graphrl_jax.storage import read_json
 from tests.helpers.outside_package import REPOSITORY
 from tests.helpers.shoes_in_box import TASK
+
+RELEASED = ["match_regions_graph", "shoes_in_box_graph"]
 
 
 def test_rates_are_work_over_the_median_time():
@@ -78,11 +80,27 @@ def test_the_gpu_script_asks_for_what_there_is(tmp_path, has_warp):
     python, log = tmp_path / "python", tmp_path / "log"
     python.write_text(f'#!/bin/sh\n[ "$1" = -c ] && exit {int(not has_warp)}\necho "$@" >> {log}\n')
     python.chmod(0o755)
+    folders = {"RUNS": str(tmp_path / "runs"), "RESULTS": str(tmp_path / "results")}
     script = REPOSITORY / "benchmarks" / "gpu.sh"
-    subprocess.run([str(script)], env={"PATH": os.environ["PATH"], "PYTHON": str(python)}, check=True)
+    subprocess.run([str(script)], env={"PATH": os.environ["PATH"], "PYTHON": str(python), **folders}, check=True)
     asked = [shlex.split(line) for line in log.read_text().splitlines()]
-    assert [words[1] for words in asked] == ["benchmarks.throughput", "benchmarks.throughput", "benchmarks.table1"]
-    kinds = (throughput.Options, throughput.Options, table1.Options)
-    _, shoes, table = (tyro.cli(kind, args=words[2:]) for kind, words in zip(kinds, asked, strict=True))
-    assert shoes.task == "shoes_in_box" and shoes.engines == (("mjx", "warp") if has_warp else ("mjx",))
-    assert table.preset == "gpu"
+    kinds = {"throughput": throughput.Options, "devices": devices.Options, "shoes_policies": shoes_policies.Options}
+    options = [
+        tyro.cli(kinds[name], args=words[2:])
+        for words in asked
+        if (name := words[1].removeprefix("benchmarks.")) in kinds
+    ]
+    measured = [some for some in options if isinstance(some, throughput.Options)]
+    assert {some.num_envs for some in measured} == {(1024,), (4096,), (16384,), (1024, 4096, 16384)}
+    engines = {some.task: some.engines for some in measured}
+    assert engines == {"match_regions": ("mjx",), "shoes_in_box": ("mjx", "warp") if has_warp else ("mjx",)}
+    assert [some.model.name for some in options if isinstance(some, devices.Options)] == RELEASED
+    assert [some.preset for some in options if isinstance(some, shoes_policies.Options)] == ["gpu"]
+    assert ["train.py", "--preset", "gpu", "--out", str(tmp_path / "runs" / "match_regions")] in asked
+
+
+def test_the_gpu_script_refuses_an_unknown_part(tmp_path):
+    script, folders = REPOSITORY / "benchmarks" / "gpu.sh", {"RUNS": str(tmp_path), "RESULTS": str(tmp_path)}
+    environment = {"PATH": os.environ["PATH"], "PYTHON": "true", **folders}
+    done = subprocess.run([str(script), "tables"], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 2 and "unknown part 'tables'; allowed: train rewards" in done.stderr
