@@ -23,7 +23,7 @@ results=${RESULTS:-benchmarks/results}
 runs=${RUNS:-runs/gpu}
 preset=${PRESET:-gpu}
 sizes=${SIZES:-1024 4096 16384}
-steps=${STEPS:-16}
+steps=${STEPS:-16} # decisions per call; a quarter of it on Shoes in Box, which decides every fourth control step
 repeats=${REPEATS:-5}
 engines=mjx
 if "$python" -c 'import sys, importlib.util as found; sys.exit(found.find_spec("warp") is None)'; then
@@ -39,8 +39,10 @@ within() { # seconds, command
 # Lists of sizes and engines are unquoted on purpose.
 # shellcheck disable=SC2086
 measure() { # task, engines, sizes, repeats, result file
+    local decisions=$steps
+    if [ "$1" = shoes_in_box ]; then decisions=$(((steps + 3) / 4)); fi
     within 170 "$python" -m benchmarks.throughput --task "$1" --engines $2 --programs ppo_env ppo_graph --num-envs $3 \
-        --steps "$steps" --repeats "$4" --out "$5"
+        --steps "$decisions" --repeats "$4" --out "$5"
 }
 
 compile() { # task, engines: compiles the programs of every size by itself
