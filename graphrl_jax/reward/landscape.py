@@ -17,6 +17,7 @@ import numpy as np
 
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.graph import ObjectTable, build_graph
+from graphrl_jax.reward.discrimination import DISCOUNT
 from graphrl_jax.reward.model import RewardModel, demonstration_rewards
 from graphrl_jax.reward.statistics import pair_accuracy, share_above
 
@@ -174,14 +175,14 @@ def audit(model: RewardModel, landscape: Landscape, draw_image: DrawImage | None
 
 
 def trajectory_scores(
-    model: RewardModel, demonstrations: Demonstrations, discount: float = 0.99, horizon: int | None = None
+    model: RewardModel, demonstrations: Demonstrations, discount: float = DISCOUNT, horizon: int | None = None
 ) -> dict[str, Any]:
     """Scores of fixed trajectories under the reward; see `scores`."""
     return scores(np.asarray(demonstration_rewards(model, demonstrations)), demonstrations, discount, horizon)
 
 
 def scores(
-    rewards: np.ndarray, demonstrations: Demonstrations, discount: float = 0.99, horizon: int | None = None
+    rewards: np.ndarray, demonstrations: Demonstrations, discount: float = DISCOUNT, horizon: int | None = None
 ) -> dict[str, Any]:
     """Scores of trajectories under `rewards` (B, T): successes, deliberate failures and known exploits.
 

@@ -19,6 +19,13 @@ def test_by_hand():
     assert (found["successes"], found["failures"]) == (2, 1)
 
 
+def test_a_loss_that_comes_late_counts_less_with_discount():
+    early, late = np.zeros(200), np.zeros(200)
+    early[0], late[99:] = -2.0, -0.03
+    found = discrimination(np.stack([early, late]), np.array([200, 200]), np.array([True, False]))
+    assert found["auroc"] == 1.0 and found["auroc_discounted"] == 0.0
+
+
 def test_padding_means_nothing():
     changed = np.where(np.arange(4) < LENGTHS[:, None], REWARDS, 123.0)
     assert discrimination(changed, LENGTHS, SUCCESS) == discrimination(REWARDS, LENGTHS, SUCCESS)
