@@ -108,8 +108,8 @@ def test_a_sweep_is_a_folder_of_runs(tmp_path, monkeypatch):
     first = [json.loads((run / "metrics.jsonl").read_text().splitlines()[0]) for run in (member, alone)]
     assert first[0].keys() == first[1].keys()
     np.testing.assert_allclose(list(first[0].values())[2:], list(first[1].values())[2:], rtol=1e-3)
-    for name in ("config.json", "demonstrations.npz"):
-        assert (member / name).read_bytes() == (alone / name).read_bytes()
+    assert Run(member).settings() == Run(alone).settings()
+    assert (member / "demonstrations.npz").read_bytes() == (alone / "demonstrations.npz").read_bytes()
     outcome = call(cli.main, "evaluate", member, "--episodes", "4", "--video-episodes", "0")
     assert outcome["episodes"] == 4
 
