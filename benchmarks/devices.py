@@ -39,8 +39,9 @@ class Options:
     out: Path | None = None
 
 
-def rewards_on(device: jax.Device, model: RewardModel, demonstrations: Demonstrations) -> np.ndarray:
-    """Reward of every frame, computed there: (B, T) float32."""
+def rewards_on(platform: str, model: RewardModel, demonstrations: Demonstrations) -> np.ndarray:
+    """Reward of every frame, computed on a device of that kind: (B, T) float32."""
+    device = jax.devices(platform)[0]
     with jax.default_device(device):
         return np.asarray(demonstration_rewards(jax.device_put(model, device), demonstrations))
 
@@ -67,10 +68,8 @@ def main() -> None:
     if not isinstance(trained.reward_params, RewardModel):
         raise SystemExit(f"--model {options.model} learned no reward; allowed: a run with a learned reward")
     demonstrations = load_demonstrations(options.demos, task.objects, task.frame_rate, task.name)
-    here, there = (
-        rewards_on(device, trained.reward_params, demonstrations)
-        for device in (jax.devices()[0], jax.devices("cpu")[0])
-    )
+    platforms = jax.default_backend(), "cpu"
+    here, there = (rewards_on(platform, trained.reward_params, demonstrations) for platform in platforms)
     found = differences(here, there, demonstrations.lengths)
     write_json(options.out or RESULTS / f"devices_{task.name}.json", found | where)
     print(found)

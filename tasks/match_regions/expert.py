@@ -1,8 +1,8 @@
 """The scripted expert: grips blocks and drags them to the goals of its plan, in one batched program.
 
 A plan is a list of jobs (a block and its goal). Successes and all kinds of deliberate failure differ only in their
-jobs. A job has seven phases: approach a point beside the block, face it, advance, grip, drag it backwards to its goal,
-release and back off. Plans vary in order, speed, pauses, approach, noise and final placements.
+jobs. A job has seven phases: approach a point beside the block, face it, advance, grip, carry it to its goal, release
+and back off. Ways lead round other blocks. Plans vary in order, speed, pauses, approach, noise and final placements.
 """
 
 from dataclasses import replace
@@ -19,17 +19,17 @@ from graphrl_jax.runtime import jit_physics
 from graphrl_jax.task import Expert
 from tasks.collect import collect
 from tasks.match_regions import geometry, raster
-from tasks.match_regions.env import MatchRegionsEnv
+from tasks.match_regions.env import BACKWARD_SPEED, FORWARD_SPEED, MatchRegionsEnv
 from tasks.match_regions.layouts import NUM_TARGETS, World, blocks
 from tasks.match_regions.model import CONTROL_DT
 from tasks.match_regions.objects import class_ids
 from tasks.match_regions.observation import TURN_RATE
+from tasks.match_regions.paths import direction, distances, length_at
 from tasks.match_regions.state import PhysicsState, placed_targets, score
 
-APPROACH, FACE, ADVANCE, GRIP, DRAG, RELEASE, BACK_OFF = range(7)
+APPROACH, FACE, ADVANCE, GRIP, CARRY, RELEASE, BACK_OFF = range(7)
 STANDOFF = 0.58
 HELD_DISTANCE = 0.335
-AVOID_DISTANCE = 0.6
 CLEAR_DISTANCE = 0.52
 MAX_JOBS = 2
 TAIL_FRAMES = 4
@@ -38,6 +38,14 @@ _INSET = 0.12
 _APART = 0.3
 _AT_WALL = 0.78
 _OPEN_PLACE = 0.85
+# Directions from which a block may be gripped, and the distance from the robot's middle at which it is held.
+_SIDES, _HOLD = 8, 0.33
+# Distance from the standoff at which the fingers open.
+_OPENS = 0.25
+# Control steps that a unit of way or a radian of turn takes at full speed, and a unit that a standoff lies in a wall.
+_FORWARDS, _BACKWARDS, _TURN = (1 / (speed * CONTROL_DT) for speed in (FORWARD_SPEED, BACKWARD_SPEED, TURN_RATE))
+_IN_WALL = 100.0
+_OUTSIDE = 9.0
 BATCH, MAX_BATCHES = 64, 16
 FAILURES = ("one_target", "distractor_in", "target_out", "corner", "bystander", "touched", "nothing")
 """Kinds of deliberate failure: only one target placed; a distractor dragged in instead of the second target; a target
@@ -59,7 +67,7 @@ class Plan(NamedTuple):
     | goal     | (J, 2) | goal of the block                                              |
     | jobs     | ()     | int32, number of the J jobs to do                              |
     | speed    | ()     | share of full speed                                            |
-    | side     | (J,)   | radians by which the approach deviates from the straight drag  |
+    | aside    | (J,)   | radians by which the sides that blocks are gripped from deviate |
     | pause    | ()     | int32, idle steps before each job                              |
     | noise    | ()     | standard deviation of the noise on speed and turn              |
     """
@@ -68,17 +76,26 @@ class Plan(NamedTuple):
     goal: jax.Array
     jobs: jax.Array
     speed: jax.Array
-    side: jax.Array
+    aside: jax.Array
     pause: jax.Array
     noise: jax.Array
 
 
 class PlanState(NamedTuple):
-    """Progress in a plan: job, phase, and steps spent in the phase; all () int32."""
+    """Progress in a plan.
+
+    | field | shape | dtype   | meaning                                                          |
+    |-------|-------|---------|------------------------------------------------------------------|
+    | job   | ()    | int32   | index of the job                                                 |
+    | phase | ()    | int32   | its phase                                                        |
+    | timer | ()    | int32   | steps spent in the phase                                         |
+    | side  | (2,)  | float32 | direction from the block to where the robot grips it from        |
+    """
 
     job: jax.Array
     phase: jax.Array
     timer: jax.Array
+    side: jax.Array
 
 
 def draw_plan(key: jax.Array, kind: jax.Array, qpos: jax.Array, world: World) -> Plan:
@@ -111,7 +128,7 @@ def draw_plan(key: jax.Array, kind: jax.Array, qpos: jax.Array, world: World) ->
         goal=goal,
         jobs=count,
         speed=jax.random.uniform(speed_key, minval=0.9, maxval=1.0),
-        side=jax.random.uniform(side_key, (MAX_JOBS,), minval=-0.1, maxval=0.1),
+        aside=jax.random.uniform(side_key, (MAX_JOBS,), minval=-0.1, maxval=0.1),
         pause=jax.random.randint(pause_key, (), 0, 3),
         noise=jax.random.uniform(noise_key, minval=0.0, maxval=0.08),
     )
@@ -142,7 +159,7 @@ def _corner(region: jax.Array) -> jax.Array:
 def begin() -> PlanState:
     """The plan state at the start of an episode."""
     zero = jnp.zeros((), jnp.int32)
-    return PlanState(zero, zero, zero)
+    return PlanState(zero, zero, zero, jnp.zeros(2))
 
 
 def act(
@@ -150,39 +167,48 @@ def act(
 ) -> tuple[PlanState, jax.Array]:
     """One decision of the expert at `qpos` (5 + 3M,): the next plan state and an action (3,)."""
     job = jnp.minimum(plan_state.job, MAX_JOBS - 1)
-    block = blocks(qpos)[plan.block[job], :2]
-    goal = plan.goal[job]
+    places = blocks(qpos)[:, :2]
+    block, goal = places[plan.block[job]], plan.goal[job]
     robot, ahead = qpos[:2], geometry.heading(qpos[2])
-    way_out = geometry.rotation(plan.side[job]) @ _unit(goal - block)
-    standoff = jnp.clip(block + STANDOFF * way_out, -0.79, 0.79)
+    phase = plan_state.phase
 
-    cruise = _go_to(qpos, standoff)
+    # One map a step: of ways from the robot, when a job begins; of ways to the standoff, round all blocks; or of ways
+    # to the goal, round the blocks other than the one that is held.
+    begins, holds = (phase == APPROACH) & (plan_state.timer == 0), phase == CARRY
+    obstacles = jnp.where(holds, places.at[plan.block[job]].set(_OUTSIDE), places)
+    known = block + STANDOFF * plan_state.side
+    end = jnp.where(begins, robot, jnp.where(holds, goal, _within(known)))
+    lengths = distances(obstacles, end)
+    side = jnp.where(begins, _quickest_side(lengths, robot, block, goal, plan.aside[job]), plan_state.side)
+    standoff = _within(block + STANDOFF * side)
+    way = jnp.where(begins, standoff - robot, direction(lengths, jnp.where(holds, block, robot), end))
+
+    cruise = _go_to(qpos, standoff, way, -side)
+    far = jnp.linalg.norm(standoff - robot)
     facing = _bearing(ahead, block - robot)
-    rear = _bearing(-ahead, goal + 0.33 * _unit(goal - block) - robot)
-    turn_to_block, turn_rear = _turn(facing), _turn(rear)
+    turn_to_block = _turn(facing)
     held = jnp.linalg.norm(block - robot)
     to_goal = jnp.linalg.norm(goal - block)
-    # A block has also arrived if it was dragged past its goal, or if it is inside with the robot at the wall.
+    # A block has also arrived if it is inside and the robot is at the wall.
     stopped = (jnp.max(jnp.abs(robot)) > _AT_WALL) & geometry.inside_region(region, block)
-    arrived = (to_goal < 0.05) | ((to_goal < 0.25) & ((goal - block) @ ahead > -0.05)) | stopped
-    phase = plan_state.phase
+    arrived = (to_goal < 0.05) | ((to_goal < 0.15) & stopped)
     by_phase = jnp.stack(
         [
-            jnp.stack([cruise[0], cruise[1], -1.0]),
+            jnp.append(cruise, jnp.where(far < _OPENS, 1.0, -1.0)),
             jnp.stack([0.0, turn_to_block, 1.0]),
             jnp.stack([jnp.clip((held - 0.3) * 8, 0.4, 1.0) * jnp.exp(-((facing / 0.15) ** 2)), turn_to_block, 1.0]),
             jnp.array([0.1, 0.0, -1.0]),
-            jnp.stack([-jnp.cos(rear), turn_rear * 0.6 * (to_goal > 0.2), -1.0]),
+            jnp.append(_carry(ahead, way, to_goal), -1.0),
             jnp.array([0.0, 0.0, 1.0]),
             jnp.array([-1.0, 0.0, 1.0]),
         ]
     )
     finished = jnp.stack(
         [
-            (jnp.linalg.norm(standoff - robot) < 0.15) | (plan_state.timer > 40),
+            (far < 0.15) | (plan_state.timer > 40),
             jnp.abs(facing) < 0.15,
             (held < HELD_DISTANCE) | (plan_state.timer > 12),
-            plan_state.timer >= 2,
+            plan_state.timer >= 1,
             arrived | (plan_state.timer > 40) | (held > 0.5),
             plan_state.timer >= 1,
             (held > CLEAR_DISTANCE) | (plan_state.timer > 5),
@@ -191,19 +217,19 @@ def act(
     waiting = (phase == APPROACH) & (plan_state.timer < plan.pause)
     done = plan_state.job >= plan.jobs
     action = jnp.where(waiting | done, jnp.array([0.0, 0.0, 1.0]), by_phase[phase])
-    driving = jnp.isin(phase, jnp.array([APPROACH, ADVANCE, DRAG])) & ~waiting & ~done
+    driving = jnp.isin(phase, jnp.array([APPROACH, ADVANCE, CARRY])) & ~waiting & ~done
     noise = plan.noise * jax.random.normal(key, (2,)) * driving
     action = jnp.clip(action.at[0].mul(plan.speed).at[:2].add(noise), -1.0, 1.0)
 
     advance = finished[phase] & ~waiting & ~done
     # A block that slipped away is approached again.
-    lost = (phase == DRAG) & ~arrived & (held > 0.5)
+    lost = (phase == CARRY) & ~arrived & (held > 0.5)
     # After the last job the robot releases the block and stays.
     last = (phase == RELEASE) & (job == plan.jobs - 1)
     following = jnp.where((phase == BACK_OFF) | last | lost, APPROACH, phase + 1)
     next_job = plan_state.job + (advance & ((phase == BACK_OFF) | last))
     next_phase = jnp.where(advance, following, phase)
-    return PlanState(next_job, next_phase, jnp.where(advance, 0, plan_state.timer + 1)), action
+    return PlanState(next_job, next_phase, jnp.where(advance, 0, plan_state.timer + 1), side), action
 
 
 def _unit(vector: jax.Array) -> jax.Array:
@@ -220,26 +246,65 @@ def _turn(bearing: jax.Array) -> jax.Array:
     return jnp.clip(bearing / (TURN_RATE * CONTROL_DT * 1.3), -1.0, 1.0)
 
 
-def _go_to(qpos: jax.Array, point: jax.Array) -> jax.Array:
-    """Speed and turn towards `point`, around the blocks on the way: (2,)."""
+def _within(place: jax.Array) -> jax.Array:
+    """The nearest place (2,) where the robot has room."""
+    return jnp.clip(place, -_AT_WALL, _AT_WALL)
+
+
+def _quickest_side(
+    lengths: jax.Array, robot: jax.Array, block: jax.Array, goal: jax.Array, aside: jax.Array
+) -> jax.Array:
+    """The direction, (2,), from a block to the standoff that the robot is soonest at, facing the block.
+
+    Args:
+      lengths: `paths.distances` from the robot.
+      robot, block, goal: places, (2,) each.
+      aside: () radians that all directions are turned by.
+    """
+    angles = jnp.arange(_SIDES) * (2 * jnp.pi / _SIDES) + aside
+    sides = jax.vmap(lambda angle: geometry.rotation(angle) @ _unit(goal - block))(angles)
+    standoffs = block[None] + STANDOFF * sides
+    in_wall = jnp.sum(jnp.maximum(jnp.abs(standoffs) - _AT_WALL, 0.0), axis=-1)
+    length = length_at(lengths, standoffs)
+
+    def steps(standoff: jax.Array, side: jax.Array, length: jax.Array) -> jax.Array:
+        """Steps to a standoff; the turn there counts less if it is near, because the robot is not turned by its way."""
+        turn = jnp.abs(_bearing(standoff - robot, -side)) * jnp.minimum(1.0, length / 0.2)
+        return jnp.minimum(length * _FORWARDS + turn * _TURN, length * _BACKWARDS + (jnp.pi - turn) * _TURN)
+
+    return sides[jnp.argmin(jax.vmap(steps)(standoffs, sides, length) + _IN_WALL * in_wall)]
+
+
+def _go_to(qpos: jax.Array, point: jax.Array, way: jax.Array, facing: jax.Array) -> jax.Array:
+    """Speed and turn, (2,), that take the robot on its way to a point where it is to face in a direction, (2,) each.
+
+    It goes forwards or backwards, whichever is quicker.
+    """
     robot, ahead = qpos[:2], geometry.heading(qpos[2])
-    offset = robot[None] - blocks(qpos)[:, :2]
-    distance = jnp.linalg.norm(offset, axis=-1)
-    to_point = jnp.linalg.norm(point - robot)
-    push = jnp.maximum(0.0, AVOID_DISTANCE - distance) / AVOID_DISTANCE * jnp.minimum(1.0, to_point / 0.3)
-    away = offset / jnp.maximum(distance, 1e-6)[:, None]
-    # The sideways part leads towards the point and keeps the robot from stalling.
-    towards = _unit(point - robot)
-    sideways = jnp.stack([-away[:, 1], away[:, 0]], -1)
-    sideways = sideways * jnp.sign(sideways @ towards)[:, None]
-    in_the_way = jnp.maximum(0.0, 0.3 - away @ towards)
-    direction = towards + jnp.sum((push * in_the_way)[:, None] * (4.0 * away + 4.0 * sideways), axis=0)
-    bearing = _bearing(ahead, direction)
-    # Backing towards a near point is quicker than turning round.
-    backwards = (jnp.abs(bearing) > 2.0) & (to_point < 0.8)
-    bearing = jnp.where(backwards, _bearing(-ahead, direction), bearing)
-    speed = jnp.maximum(jnp.cos(bearing), 0.0) ** 2 * jnp.clip(to_point * 5, 0.3, 1.0)
-    return jnp.stack([jnp.where(backwards, -speed, speed), _turn(bearing)])
+    straight = point - robot
+    length = jnp.linalg.norm(straight)
+
+    def steps(sign: float, pace: float) -> jax.Array:
+        turns = jnp.abs(_bearing(sign * ahead, way)) + jnp.abs(_bearing(sign * straight, facing))
+        return turns * _TURN + length * pace
+
+    sign = jnp.where(steps(-1.0, _BACKWARDS) < steps(1.0, _FORWARDS), -1.0, 1.0)
+    bearing = _bearing(sign * ahead, way)
+    speed = jnp.maximum(jnp.cos(bearing), 0.0) ** 2 * jnp.clip(5 * length, 0.3, 1.0)
+    return jnp.stack([sign * speed, _turn(bearing)])
+
+
+def _carry(ahead: jax.Array, way: jax.Array, length: jax.Array) -> jax.Array:
+    """Speed and turn, (2,), that move a held block along its way (2,), of which so much is left.
+
+    The block stays at a fixed place ahead of the robot, so the robot's speed moves it along the heading and the turn
+    across it: the robot need not line up first.
+    """
+    wanted = _unit(way) * jnp.clip(8 * length, 0.3, 1.0)
+    along, across = wanted @ ahead, ahead[0] * wanted[1] - ahead[1] * wanted[0]
+    speed = along * jnp.where(along > 0, 1.0, FORWARD_SPEED / BACKWARD_SPEED)
+    command = jnp.stack([speed, across * FORWARD_SPEED / (_HOLD * TURN_RATE)])
+    return command / jnp.maximum(jnp.max(jnp.abs(command)), 1.0)
 
 
 def as_policy() -> Expert:
@@ -269,7 +334,7 @@ def rollouts(task: MatchRegionsEnv, key: jax.Array, kinds: jax.Array) -> tuple[j
     batch = kinds.shape[0]
     physics = jax.vmap(lambda key: task.reset(key).pipeline_state)(jax.random.split(reset_key, batch))
     plans = jax.vmap(draw_plan)(jax.random.split(plan_key, batch), kinds, physics.qpos, physics.world)
-    plan_state = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch,)), begin())
+    plan_state = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (batch, *leaf.shape)), begin())
 
     def step(carry: tuple[PhysicsState, PlanState], key: jax.Array) -> tuple:
         physics, plan_state = carry

@@ -2,8 +2,10 @@
 
 import jax
 import numpy as np
+import pytest
 
 from graphrl_jax.experiment.untrained import evaluate_untrained, untrained
+from graphrl_jax.registry import make_task
 from tasks.match_regions import layouts, raster
 from tasks.match_regions.expert import FAILURES
 from tests.helpers.match_regions import TASK
@@ -24,10 +26,17 @@ def test_demonstrations_come_with_the_images_of_their_frames():
     demos = TASK.demonstrate(jax.random.key(0), 2, image_size=32)
     frames = demos.images(32)
     assert frames.shape[:2] == demos.boxes.shape[:2]
-    # Where a demonstration's star is seen, there is green.
+    # Where a demonstration's star is seen, there is green, up to what its edge mixes in.
     for index, frame in ((0, 0), (1, demos.lengths[1] - 1)):
         column, row = np.floor(32 * demos.boxes[index, frame, 2, :2]).astype(int)
-        np.testing.assert_allclose(frames[index, frame, row, column] / 255, raster._BLOCKS[layouts.GREEN], atol=0.01)
+        np.testing.assert_allclose(frames[index, frame, row, column] / 255, raster._BLOCKS[layouts.GREEN], atol=0.05)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("variant", ["layout", "count_plus", "all"])
+def test_the_expert_solves_most_layouts_in_time(variant):
+    task = make_task(f"match_regions_{variant}")
+    assert evaluate_untrained(untrained(task, "expert"), 256, seed=0)["success_rate"] >= 0.8
 
 
 def test_the_expert_as_a_policy_succeeds_and_chance_does_not():
