@@ -1,4 +1,4 @@
-"""The scripted expert: grips blocks and drags them to the goals of its plan, in one batched program.
+"""The scripted expert: grips blocks and carries them to the goals of its plan, in one batched program.
 
 A plan is a list of jobs (a block and its goal). Successes and all kinds of deliberate failure differ only in their
 jobs. A job has seven phases: approach a point beside the block, face it, advance, grip, carry it to its goal, release
@@ -18,17 +18,14 @@ from graphrl_jax.demonstrations import Demonstrations, reached_for_good
 from graphrl_jax.runtime import jit_physics
 from graphrl_jax.task import Expert
 from tasks.collect import collect
-from tasks.match_regions import geometry, raster
-from tasks.match_regions.env import BACKWARD_SPEED, FORWARD_SPEED, MatchRegionsEnv
+from tasks.match_regions import driving, geometry, raster
+from tasks.match_regions.env import MatchRegionsEnv
 from tasks.match_regions.layouts import NUM_TARGETS, World, blocks
-from tasks.match_regions.model import CONTROL_DT
 from tasks.match_regions.objects import class_ids
-from tasks.match_regions.observation import TURN_RATE
-from tasks.match_regions.paths import direction, distances, length_at
+from tasks.match_regions.paths import direction, distances
 from tasks.match_regions.state import PhysicsState, placed_targets, score
 
 APPROACH, FACE, ADVANCE, GRIP, CARRY, RELEASE, BACK_OFF = range(7)
-STANDOFF = 0.58
 HELD_DISTANCE = 0.335
 CLEAR_DISTANCE = 0.52
 MAX_JOBS = 2
@@ -36,15 +33,9 @@ TAIL_FRAMES = 4
 # Distance of goals from the region's border; a goal is the nearest such place to the target.
 _INSET = 0.12
 _APART = 0.3
-_AT_WALL = 0.78
 _OPEN_PLACE = 0.85
-# Directions from which a block may be gripped, and the distance from the robot's middle at which it is held.
-_SIDES, _HOLD = 8, 0.33
 # Distance from the standoff at which the fingers open.
 _OPENS = 0.25
-# Control steps that a unit of way or a radian of turn takes at full speed, and a unit that a standoff lies in a wall.
-_FORWARDS, _BACKWARDS, _TURN = (1 / (speed * CONTROL_DT) for speed in (FORWARD_SPEED, BACKWARD_SPEED, TURN_RATE))
-_IN_WALL = 100.0
 _OUTSIDE = 9.0
 BATCH, MAX_BATCHES = 64, 16
 FAILURES = ("one_target", "distractor_in", "target_out", "corner", "bystander", "touched", "nothing")
@@ -61,15 +52,15 @@ _KINDS_OF_DISTRACTORS = [1 + FAILURES.index(name) for name in ("distractor_in", 
 class Plan(NamedTuple):
     """The plan of one episode.
 
-    | field    | shape  | meaning                                                        |
-    |----------|--------|----------------------------------------------------------------|
-    | block    | (J,)   | int32, index of the block of each job                          |
-    | goal     | (J, 2) | goal of the block                                              |
-    | jobs     | ()     | int32, number of the J jobs to do                              |
-    | speed    | ()     | share of full speed                                            |
-    | aside    | (J,)   | radians by which the sides that blocks are gripped from deviate |
-    | pause    | ()     | int32, idle steps before each job                              |
-    | noise    | ()     | standard deviation of the noise on speed and turn              |
+    | field    | shape  | meaning                                                          |
+    |----------|--------|------------------------------------------------------------------|
+    | block    | (J,)   | int32, index of the block of each job                            |
+    | goal     | (J, 2) | goal of the block                                                |
+    | jobs     | ()     | int32, number of the J jobs to do                                |
+    | speed    | ()     | share of full speed                                              |
+    | aside    | (J,)   | radians by which the sides that blocks may be gripped from turn  |
+    | pause    | ()     | int32, idle steps before each job                                |
+    | noise    | ()     | standard deviation of the noise on speed and turn                |
     """
 
     block: jax.Array
@@ -110,7 +101,7 @@ def draw_plan(key: jax.Array, kind: jax.Array, qpos: jax.Array, world: World) ->
     distractor = jax.random.categorical(distractor_key, jnp.where(others, 0.0, -jnp.inf))
     outside, corner = _outside(world.region), _corner(world.region)
     aside = outside[1]
-    nudged = starts + 0.3 * jax.vmap(_unit)(goals - starts)
+    nudged = starts + 0.3 * jax.vmap(driving.unit)(goals - starts)
     both, one_of_each = jnp.array([first, second]), jnp.array([first, distractor])
     jobs = [  # blocks, goals and number of jobs: success, then `FAILURES`
         (both, goals[both], targets),
@@ -167,30 +158,19 @@ def act(
 ) -> tuple[PlanState, jax.Array]:
     """One decision of the expert at `qpos` (5 + 3M,): the next plan state and an action (3,)."""
     job = jnp.minimum(plan_state.job, MAX_JOBS - 1)
-    places = blocks(qpos)[:, :2]
-    block, goal = places[plan.block[job]], plan.goal[job]
+    block, goal = blocks(qpos)[plan.block[job], :2], plan.goal[job]
     robot, ahead = qpos[:2], geometry.heading(qpos[2])
     phase = plan_state.phase
+    side, standoff, way = _route(plan_state, qpos, plan.block[job], goal, plan.aside[job])
 
-    # One map a step: of ways from the robot, when a job begins; of ways to the standoff, round all blocks; or of ways
-    # to the goal, round the blocks other than the one that is held.
-    begins, holds = (phase == APPROACH) & (plan_state.timer == 0), phase == CARRY
-    obstacles = jnp.where(holds, places.at[plan.block[job]].set(_OUTSIDE), places)
-    known = block + STANDOFF * plan_state.side
-    end = jnp.where(begins, robot, jnp.where(holds, goal, _within(known)))
-    lengths = distances(obstacles, end)
-    side = jnp.where(begins, _quickest_side(lengths, robot, block, goal, plan.aside[job]), plan_state.side)
-    standoff = _within(block + STANDOFF * side)
-    way = jnp.where(begins, standoff - robot, direction(lengths, jnp.where(holds, block, robot), end))
-
-    cruise = _go_to(qpos, standoff, way, -side)
+    cruise = driving.go_to(qpos, standoff, way, -side)
     far = jnp.linalg.norm(standoff - robot)
-    facing = _bearing(ahead, block - robot)
-    turn_to_block = _turn(facing)
+    facing = driving.bearing(ahead, block - robot)
+    turn_to_block = driving.turn(facing)
     held = jnp.linalg.norm(block - robot)
     to_goal = jnp.linalg.norm(goal - block)
     # A block has also arrived if it is inside and the robot is at the wall.
-    stopped = (jnp.max(jnp.abs(robot)) > _AT_WALL) & geometry.inside_region(region, block)
+    stopped = (jnp.max(jnp.abs(robot)) > driving.AT_WALL) & geometry.inside_region(region, block)
     arrived = (to_goal < 0.05) | ((to_goal < 0.15) & stopped)
     by_phase = jnp.stack(
         [
@@ -198,7 +178,7 @@ def act(
             jnp.stack([0.0, turn_to_block, 1.0]),
             jnp.stack([jnp.clip((held - 0.3) * 8, 0.4, 1.0) * jnp.exp(-((facing / 0.15) ** 2)), turn_to_block, 1.0]),
             jnp.array([0.1, 0.0, -1.0]),
-            jnp.append(_carry(ahead, way, to_goal), -1.0),
+            jnp.append(driving.carry(ahead, way, to_goal), -1.0),
             jnp.array([0.0, 0.0, 1.0]),
             jnp.array([-1.0, 0.0, 1.0]),
         ]
@@ -217,8 +197,8 @@ def act(
     waiting = (phase == APPROACH) & (plan_state.timer < plan.pause)
     done = plan_state.job >= plan.jobs
     action = jnp.where(waiting | done, jnp.array([0.0, 0.0, 1.0]), by_phase[phase])
-    driving = jnp.isin(phase, jnp.array([APPROACH, ADVANCE, CARRY])) & ~waiting & ~done
-    noise = plan.noise * jax.random.normal(key, (2,)) * driving
+    drives = jnp.isin(phase, jnp.array([APPROACH, ADVANCE, CARRY])) & ~waiting & ~done
+    noise = plan.noise * jax.random.normal(key, (2,)) * drives
     action = jnp.clip(action.at[0].mul(plan.speed).at[:2].add(noise), -1.0, 1.0)
 
     advance = finished[phase] & ~waiting & ~done
@@ -232,79 +212,32 @@ def act(
     return PlanState(next_job, next_phase, jnp.where(advance, 0, plan_state.timer + 1), side), action
 
 
-def _unit(vector: jax.Array) -> jax.Array:
-    return vector / jnp.maximum(jnp.linalg.norm(vector), 1e-6)
+def _route(
+    plan_state: PlanState, qpos: jax.Array, held: jax.Array, goal: jax.Array, aside: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """The side that a job's block is gripped from, the standoff there, and the direction of the way ahead; (2,) each.
 
-
-def _bearing(ahead: jax.Array, direction: jax.Array) -> jax.Array:
-    """Signed angle from `ahead` to `direction`, counter-clockwise positive."""
-    return jnp.arctan2(ahead[0] * direction[1] - ahead[1] * direction[0], ahead @ direction)
-
-
-def _turn(bearing: jax.Array) -> jax.Array:
-    """Turn command that removes a bearing within a control step or two."""
-    return jnp.clip(bearing / (TURN_RATE * CONTROL_DT * 1.3), -1.0, 1.0)
-
-
-def _within(place: jax.Array) -> jax.Array:
-    """The nearest place (2,) where the robot has room."""
-    return jnp.clip(place, -_AT_WALL, _AT_WALL)
-
-
-def _quickest_side(
-    lengths: jax.Array, robot: jax.Array, block: jax.Array, goal: jax.Array, aside: jax.Array
-) -> jax.Array:
-    """The direction, (2,), from a block to the standoff that the robot is soonest at, facing the block.
+    There is one map a step: of ways from the robot when the job begins, which decide on the side; then of ways to the
+    standoff, round all blocks; at last of ways to the goal, round the blocks other than the one that is `held`.
 
     Args:
-      lengths: `paths.distances` from the robot.
-      robot, block, goal: places, (2,) each.
-      aside: () radians that all directions are turned by.
+      plan_state: the current one.
+      qpos: (5 + 3M,).
+      held: () int32, index of the job's block.
+      goal: (2,), where the block goes.
+      aside: see `Plan`.
     """
-    angles = jnp.arange(_SIDES) * (2 * jnp.pi / _SIDES) + aside
-    sides = jax.vmap(lambda angle: geometry.rotation(angle) @ _unit(goal - block))(angles)
-    standoffs = block[None] + STANDOFF * sides
-    in_wall = jnp.sum(jnp.maximum(jnp.abs(standoffs) - _AT_WALL, 0.0), axis=-1)
-    length = length_at(lengths, standoffs)
-
-    def steps(standoff: jax.Array, side: jax.Array, length: jax.Array) -> jax.Array:
-        """Steps to a standoff; the turn there counts less if it is near, because the robot is not turned by its way."""
-        turn = jnp.abs(_bearing(standoff - robot, -side)) * jnp.minimum(1.0, length / 0.2)
-        return jnp.minimum(length * _FORWARDS + turn * _TURN, length * _BACKWARDS + (jnp.pi - turn) * _TURN)
-
-    return sides[jnp.argmin(jax.vmap(steps)(standoffs, sides, length) + _IN_WALL * in_wall)]
-
-
-def _go_to(qpos: jax.Array, point: jax.Array, way: jax.Array, facing: jax.Array) -> jax.Array:
-    """Speed and turn, (2,), that take the robot on its way to a point where it is to face in a direction, (2,) each.
-
-    It goes forwards or backwards, whichever is quicker.
-    """
-    robot, ahead = qpos[:2], geometry.heading(qpos[2])
-    straight = point - robot
-    length = jnp.linalg.norm(straight)
-
-    def steps(sign: float, pace: float) -> jax.Array:
-        turns = jnp.abs(_bearing(sign * ahead, way)) + jnp.abs(_bearing(sign * straight, facing))
-        return turns * _TURN + length * pace
-
-    sign = jnp.where(steps(-1.0, _BACKWARDS) < steps(1.0, _FORWARDS), -1.0, 1.0)
-    bearing = _bearing(sign * ahead, way)
-    speed = jnp.maximum(jnp.cos(bearing), 0.0) ** 2 * jnp.clip(5 * length, 0.3, 1.0)
-    return jnp.stack([sign * speed, _turn(bearing)])
-
-
-def _carry(ahead: jax.Array, way: jax.Array, length: jax.Array) -> jax.Array:
-    """Speed and turn, (2,), that move a held block along its way (2,), of which so much is left.
-
-    The block stays at a fixed place ahead of the robot, so the robot's speed moves it along the heading and the turn
-    across it: the robot need not line up first.
-    """
-    wanted = _unit(way) * jnp.clip(8 * length, 0.3, 1.0)
-    along, across = wanted @ ahead, ahead[0] * wanted[1] - ahead[1] * wanted[0]
-    speed = along * jnp.where(along > 0, 1.0, FORWARD_SPEED / BACKWARD_SPEED)
-    command = jnp.stack([speed, across * FORWARD_SPEED / (_HOLD * TURN_RATE)])
-    return command / jnp.maximum(jnp.max(jnp.abs(command)), 1.0)
+    places, robot = blocks(qpos)[:, :2], qpos[:2]
+    block = places[held]
+    begins, carries = (plan_state.phase == APPROACH) & (plan_state.timer == 0), plan_state.phase == CARRY
+    obstacles = jnp.where(carries, places.at[held].set(_OUTSIDE), places)
+    known = driving.within(block + driving.STANDOFF * plan_state.side)
+    end = jnp.where(begins, robot, jnp.where(carries, goal, known))
+    lengths = distances(obstacles, end)
+    side = jnp.where(begins, driving.quickest_side(lengths, robot, block, goal, aside), plan_state.side)
+    standoff = driving.within(block + driving.STANDOFF * side)
+    onwards = direction(lengths, jnp.where(carries, block, robot), end)
+    return side, standoff, jnp.where(begins, standoff - robot, onwards)
 
 
 def as_policy() -> Expert:
