@@ -78,6 +78,17 @@ class Task(Env):
     def boxes(self, state: State) -> tuple[jax.Array, jax.Array]:
         """Image-plane boxes (N, 4) and mask (N,) bool of a state."""
 
+    def nodes(self, state: State) -> jax.Array:
+        """Features of the objects of a state for policies that take them as a set: (M, F) float32.
+
+        The first feature is 1 if the object is there, else 0; a policy may not depend on the objects' order.
+        `state.info["active"]` tells which ones have moved.
+
+        Raises:
+          ValueError: the task has no such features.
+        """
+        raise ValueError(f"task {self.name} has no objects for a policy of a set; allowed: policy 'flat'")
+
     @abstractmethod
     def events(self, state: State) -> jax.Array:
         """Whether each event is reached in this state: (E,) bool."""

@@ -41,7 +41,13 @@ _ENCODER = overrides(
     left_out=RESOLVED,
     aliases={"alpha": "--alpha", "steps": "--steps", "tcc_loss": "--tcc"},
 )
-_PPO = overrides("PPOOptions", {PPOHyper: "", PPOConfig: "the preset's"}, defaults=FOLLOWING)
+_PPO = overrides(
+    "PPOOptions",
+    {PPOHyper: "", PPOConfig: "the preset's"},
+    left_out=["nodes"],
+    aliases={"policy": "--policy"},
+    defaults=FOLLOWING,
+)
 
 
 PretrainOptions = Annotated[Any, tyro.conf.arg(constructor=_PRETRAIN)]

@@ -4,6 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
+import jax
+
 from graphrl_jax.experiment.methods import ABLATIONS, Method, method_named
 from graphrl_jax.experiment.presets import Preset, preset_named
 from graphrl_jax.experiment.ranges import refuse_no_loss, refuse_no_retreat, refuse_outside, refuse_switched_off
@@ -114,7 +116,7 @@ def compose(
     hyper = _pretrain_floats(task, reward, ablations, floats)
     refuse_switched_off(hyper, pretrain or {})
     episode = {"episode_length": task.episode_length, "decision_steps": task.decision_steps}
-    ppo_config = replace(sizes.ppo_config, **episode | task_fields | ppo_fields)
+    ppo_config = replace(sizes.ppo_config, **_with_nodes(task, episode | task_fields | ppo_fields))
     refuse_no_retreat(ppo_config, task)
     return Settings(
         task=task.name,
@@ -132,6 +134,14 @@ def compose(
         ppo_config=ppo_config,
         ppo=PPOHyper(**{"decay_updates": float(updates)} | task_floats | ppo_floats),
     )
+
+
+def _with_nodes(task: Task, asked: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of `PPOConfig` that are asked for, with the numbers of nodes and features for a policy of a set."""
+    if asked.get("policy") != "set":
+        return dict(asked)
+    nodes = jax.eval_shape(lambda key: task.nodes(task.reset(key)), jax.random.key(0))
+    return {**asked, "nodes": nodes.shape}
 
 
 def _pretrain_floats(task: Task, reward: str, ablations: Sequence[str], asked: Mapping[str, float]) -> PretrainHyper:

@@ -12,6 +12,8 @@ Activation = Literal[
 ]  # fmt: skip
 """Brax's names of activations."""
 ACTIVATIONS: tuple[str, ...] = get_args(Activation)
+Inputs = Literal["flat", "set"]
+"""What a policy takes: the task's observation as one vector, or also the task's objects as a set (`sets`)."""
 POLICIES = ("zero", "random", "expert")
 """Names of the policies that have learned nothing (`actors.policy_named`)."""
 
@@ -27,6 +29,9 @@ class PPOConfig:
       num_minibatches: gradient steps per pass; each uses whole unrolls of B / num_minibatches environments.
       episode_length: control steps until an episode is truncated.
       decision_steps: control steps per decision of the policy; the episode length must be a multiple of it.
+      policy: what the policy takes: flat is the task's observation, set also all of the task's objects, in any number
+        and order.
+      nodes: for a set, numbers of objects and of their features; they follow from the task.
       policy_hidden: widths of the policy's hidden layers.
       value_hidden: widths of the value network's hidden layers.
       activation: activation of the hidden layers of both networks.
@@ -49,6 +54,8 @@ class PPOConfig:
     num_minibatches: int = 16
     episode_length: int = 120
     decision_steps: int = 1
+    policy: Inputs = "flat"
+    nodes: tuple[int, ...] = ()
     policy_hidden: tuple[int, ...] = (128, 128)
     value_hidden: tuple[int, ...] = (128, 128)
     activation: Activation = "tanh"
@@ -74,6 +81,10 @@ class PPOConfig:
             value, least = getattr(self, name), getattr(self, part)
             if value % least:
                 raise ValueError(f"{name} is {value}; allowed: a multiple of {part} ({least})")
+        if self.policy not in get_args(Inputs):
+            raise ValueError(f"policy is {self.policy!r}; allowed: {', '.join(get_args(Inputs))}")
+        if (self.policy == "set") != (len(self.nodes) == 2):
+            raise ValueError(f"nodes is {self.nodes} for policy {self.policy!r}; allowed: two numbers for 'set' alone")
         if not self.initial_std > 0.001:
             raise ValueError(f"initial_std is {self.initial_std}; allowed: above 0.001")
         if self.activation not in ACTIVATIONS:

@@ -1,4 +1,4 @@
-"""Brax's policy and value networks, their initialisation, and inference.
+"""Brax's policy and value networks, of a vector or of a set of objects, their initialisation, and inference.
 
 Symbols: O observation size, A action size.
 """
@@ -14,6 +14,7 @@ from brax.training.agents.ppo import losses, networks
 from brax.training.networks import ACTIVATION
 
 from graphrl_jax.rl.config import PPOConfig
+from graphrl_jax.rl.sets import SetParams, with_sets
 
 Policy = Callable[[Any, jax.Array, jax.Array], jax.Array]
 
@@ -23,15 +24,18 @@ _MAX_NORMALISED_OBSERVATION = 10.0
 
 
 def make_networks(config: PPOConfig, observation_size: int, action_size: int) -> networks.PPONetworks:
-    """Brax's policy (normal, then tanh) and value network, both on normalised observations."""
-    return networks.make_ppo_networks(
-        observation_size,
-        action_size,
-        preprocess_observations_fn=partial(running_statistics.normalize, max_abs_value=_MAX_NORMALISED_OBSERVATION),
+    """Brax's policy (normal, then tanh) and value network, both on normalised observations; see also `sets`."""
+    make = partial(
+        networks.make_ppo_networks,
+        action_size=action_size,
         policy_hidden_layer_sizes=config.policy_hidden,
         value_hidden_layer_sizes=config.value_hidden,
         activation=ACTIVATION[config.activation],
     )
+    if config.policy == "set":
+        return with_sets(make, config, observation_size, _MAX_NORMALISED_OBSERVATION)
+    normalise = partial(running_statistics.normalize, max_abs_value=_MAX_NORMALISED_OBSERVATION)
+    return make(observation_size, preprocess_observations_fn=normalise)
 
 
 def init_params(key: jax.Array, config: PPOConfig, observation_size: int, action_size: int) -> losses.PPONetworkParams:
@@ -58,6 +62,8 @@ def _with_initial_std(params: Any, num_hidden: int, initial_std: jax.Array | flo
     The last layer (named by Brax) outputs means and raw deviations; Brax's distribution takes softplus(raw) + 0.001 as
     the standard deviation.
     """
+    if isinstance(params, SetParams):
+        return params._replace(trunk=_with_initial_std(params.trunk, num_hidden, initial_std))
     name = f"hidden_{num_hidden}"
     layer = params["params"][name]
     raw = jnp.log(jnp.expm1(initial_std - 0.001))

@@ -14,7 +14,7 @@ from graphrl_jax.demonstrations import reached_for_good
 from graphrl_jax.rl.actors import Actor, network
 from graphrl_jax.rl.config import PPOConfig
 from graphrl_jax.rl.ppo import OUTCOMES, MakeEnv
-from graphrl_jax.rl.wrappers import episodic
+from graphrl_jax.rl.wrappers import episodic, observed
 from graphrl_jax.runtime import jit_physics
 from graphrl_jax.task import Task
 
@@ -126,7 +126,7 @@ def record(
 
     @partial(jit_physics, static_argnums=3)
     def run(reward_params: Any, policy_params: Any, key: jax.Array, episodes: int) -> Any:
-        env = VmapWrapper(make_env(reward_params))
+        env = VmapWrapper(observed(make_env(reward_params), config))
         actor = (make_actor or partial(network, config, env.action_size, True))(policy_params)
         keys = jax.random.split(key, episodes + 1)
         act_keys = jax.random.split(keys[-1], task.episode_length // config.decision_steps + 1)

@@ -2,7 +2,8 @@
 
 Every wrapper is written for ONE environment; `vectorise` applies `jax.vmap` outside of them. The order is
 
-    task -> EnvironmentReward, GraphReward or ImageReward -> Episode -> Progress -> Decisions -> AutoReset -> vmap
+    task -> EnvironmentReward, GraphReward or ImageReward -> Nodes -> Episode -> Progress -> Decisions -> AutoReset
+    -> vmap
 
 Values that a wrapper keeps between steps are in `State.info` and are replaced at every reset. `State.metrics` holds the
 scalars of the last step; `AutoReset` copies them to `info["step_metrics"]` for the training loop.
@@ -146,6 +147,24 @@ WRAPPERS: dict[str, type[EnvironmentReward]] = {
     "images": ImageReward,
 }
 """Reward wrappers by the input of the reward (`methods.Needs`)."""
+
+
+class Nodes(_Wrapper):
+    """Adds the task's objects to the end of the observation, for policies that take them as a set."""
+
+    @property
+    def observation_size(self) -> int:
+        nodes = jax.eval_shape(lambda key: self.env.nodes(self.env.reset(key)), jax.random.key(0))
+        return self.env.observation_size + nodes.size
+
+    def begin(self, state: State) -> State:
+        return self._seen(state)
+
+    def step(self, state: State, action: jax.Array) -> State:
+        return self._seen(self.env.step(state, action))
+
+    def _seen(self, state: State) -> State:
+        return state.replace(obs=jnp.concatenate([state.obs, self.env.nodes(state).ravel()]))
 
 
 class Episode(_Wrapper):
@@ -335,7 +354,7 @@ def _without_bad(state: State) -> State:
 
 def episodic(env: Env, config: PPOConfig) -> Env:
     """One environment with the configuration's time limit and decisions, and its own reward."""
-    return _deciding(Episode(env, config.episode_length), config)
+    return _deciding(_limited(env, config), config)
 
 
 def vectorise(env: Env, config: PPOConfig) -> Wrapper:
@@ -343,9 +362,18 @@ def vectorise(env: Env, config: PPOConfig) -> Wrapper:
 
     `reset` takes keys (B,) and `step` a batched state and actions (B, A).
     """
-    limited = Episode(env, config.episode_length)
+    limited = _limited(env, config)
     paid = Progress(limited, config.patience, config.retreat) if config.progress else limited
     return VmapWrapper(AutoReset(_deciding(paid, config)))
+
+
+def observed(env: Env, config: PPOConfig) -> Env:
+    """One environment whose observation is what the configuration's policy takes."""
+    return Nodes(env) if config.policy == "set" else env
+
+
+def _limited(env: Env, config: PPOConfig) -> Env:
+    return Episode(observed(env, config), config.episode_length)
 
 
 def _deciding(env: Env, config: PPOConfig) -> Env:

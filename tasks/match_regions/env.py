@@ -25,7 +25,7 @@ from tasks.match_regions.model import (
     build_model,
 )
 from tasks.match_regions.objects import OBJECTS, class_ids, variant_objects
-from tasks.match_regions.observation import TURN_RATE, observe
+from tasks.match_regions.observation import TURN_RATE, observe, observe_blocks
 from tasks.match_regions.reward import Reward, environment_reward
 from tasks.match_regions.state import PhysicsState, boxes, placed_targets, score
 
@@ -162,6 +162,9 @@ class MatchRegionsEnv(Env):
         found, mask = boxes(qpos, world)
         spare = self.objects.num_slots - mask.shape[0]
         return jnp.pad(found, ((0, spare), (0, 0))), jnp.pad(mask, (0, spare))
+
+    def nodes(self, state: State) -> jax.Array:
+        return observe_blocks(state.pipeline_state, state.info["active"][2 : 2 + self.layout.blocks])
 
     def events(self, state: State) -> jax.Array:
         placed = placed_targets(state.pipeline_state.qpos, state.pipeline_state.world)

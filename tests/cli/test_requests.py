@@ -46,7 +46,7 @@ PRETRAIN_SIZES = {"steps": 7, "batch_size": 3, "num_frames": 5, "decode_from": "
 PPO_FLOATS = {field.name: 0.375 for field in fields(PPOHyper)}
 PPO_SIZES = {
     "num_envs": 12, "unroll_length": 3, "num_epochs": 5, "num_minibatches": 6, "episode_length": 9,
-    "decision_steps": 3, "initial_std": 0.5, "progress": True, "patience": 7, "retreat": 0,
+    "decision_steps": 3, "policy": "flat", "initial_std": 0.5, "progress": True, "patience": 7, "retreat": 0,
     "policy_hidden": [5, 6], "value_hidden": [7], "activation": "swish", "normalise_reward": False,
     "stagger_episodes": False,
 }  # fmt: skip
@@ -66,10 +66,10 @@ def test_every_field_can_be_asked_for_and_reaches_config_json(configured):
     config = configured(*options("pretrain", pretrain), *options("ppo", ppo))
     assert config["pretrain"] == PRETRAIN_FLOATS
     assert PRETRAIN_SIZES.items() <= config["pretrain_config"].items()
-    assert (config["ppo"], config["ppo_config"]) == (PPO_FLOATS, PPO_SIZES)
+    assert (config["ppo"], config["ppo_config"]) == (PPO_FLOATS, PPO_SIZES | {"nodes": []})
     known = {field.name for kind in (PretrainHyper, PretrainConfig) for field in fields(kind)}
     assert known - pretrain.keys() == {"encoder", "activity"}  # the method's
-    assert {field.name for kind in (PPOHyper, PPOConfig) for field in fields(kind)} == ppo.keys()
+    assert {field.name for kind in (PPOHyper, PPOConfig) for field in fields(kind)} == {*ppo, "nodes"}
 
 
 def test_what_is_not_asked_for_is_written_down_too(configured):

@@ -209,3 +209,13 @@ def test_json_writes_whole_floats_as_it_likes(carry):
     values = json.loads(json.dumps(as_json(compose(carry))))
     values["pretrain"]["alpha"] = 2
     assert from_json(values) == compose(carry)
+
+
+def test_a_policy_of_a_set_gets_its_sizes_from_the_task():
+    task = make_task("match_regions_layout")
+    config = compose(task, "env", ppo={"policy": "set"}).ppo_config
+    assert (config.policy, config.nodes) == ("set", (8, 24)) and compose(task, "env").ppo_config.nodes == ()
+    with pytest.raises(
+        ValueError, match="task shoes_in_box has no objects for a policy of a set; allowed: policy 'flat'"
+    ):
+        compose(make_task("shoes_in_box"), "env", ppo={"policy": "set"})

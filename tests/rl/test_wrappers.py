@@ -18,6 +18,7 @@ from graphrl_jax.rl.wrappers import (
     Episode,
     GraphReward,
     episodic,
+    observed,
     stagger,
     vectorise,
 )
@@ -363,3 +364,23 @@ def test_resets_and_steps_use_no_key_twice():
 
     with jax.debug_key_reuse(True):
         reset_and_step(jax.random.key(0))
+
+
+class Listed(SlidingBoxes):
+    """Its boxes as objects of a policy of a set: there, and where."""
+
+    def nodes(self, state: State) -> jax.Array:
+        places, _ = state.pipeline_state
+        return jnp.stack([jnp.ones(2), places[:2]], axis=-1)
+
+
+def test_a_policy_of_a_set_sees_the_objects_after_the_rest_of_the_observation():
+    flat, listed = (observed(Listed(), config) for config in (PPOConfig(), PPOConfig(policy="set", nodes=(2, 2))))
+    key = jax.random.key(0)
+    assert (flat.observation_size, listed.observation_size) == (3, 7)
+    for before, after in (
+        (flat.reset(key), listed.reset(key)),
+        (flat.step(flat.reset(key), jnp.ones(1)), listed.step(listed.reset(key), jnp.ones(1))),
+    ):
+        nodes = [1.0, before.obs[0], 1.0, before.obs[1]]
+        np.testing.assert_allclose(after.obs, [*before.obs, *nodes])

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from tasks.match_regions.observation import observe
+from tasks.match_regions.observation import observe, observe_blocks
 from tasks.match_regions.state import PhysicsState
 from tests.helpers.match_regions import DEMO, TASK, alone, placed, start
 
@@ -51,3 +51,19 @@ def test_the_target_to_see_to_comes_first(star, square, star_first) -> None:
     in_slots = np.asarray(observe(state, targets_in_order=False))
     np.testing.assert_allclose(in_slots[[15, 16, 26, 27]], np.ravel(rows), atol=1e-5)
     np.testing.assert_array_equal(np.delete(in_slots, np.s_[15:38]), np.delete(obs, np.s_[15:38]))
+
+
+def test_blocks_of_a_set_have_their_documented_features() -> None:
+    qpos = placed(placed(alone((0.0, 0.0, 0.0)), 0, -0.3, 0.4), 4, 0.0, 0.5)
+    world = DEMO._replace(present=jnp.array([True, True, False, True, True]))
+    state = PhysicsState(jnp.asarray(qpos), jnp.zeros(20), jnp.zeros(20), jnp.array([1.0, 2.0]), world)
+    blocks = np.asarray(observe_blocks(state, jnp.array([True, False, False, False, True])))
+    assert blocks.shape == (5, 24) and not blocks[2].any()
+    np.testing.assert_array_equal(blocks[[0, 1, 3, 4], 0], 1)
+    # The robot faces up: ahead is y, left is minus x. The star is 0.5 away; the region's centre is (0.4, 0.35).
+    np.testing.assert_allclose(blocks[0, 1:3], [0.4, 0.3], atol=1e-5)
+    np.testing.assert_allclose(blocks[0, 8:13], [0.5, 0.8, 0.6, -0.05, -0.7], atol=1e-5)
+    np.testing.assert_array_equal(blocks[[0, 1, 3, 4], 13], [1, 1, 0, 0])
+    np.testing.assert_array_equal(blocks[[0, 1, 3, 4], 14], [1, 0, 0, 1])
+    np.testing.assert_array_equal(blocks[[0, 1, 3, 4], 15:23].sum(-1), 2)
+    np.testing.assert_array_equal(blocks[[0, 1, 3, 4], 23], [1, 2, 0, 0])
