@@ -25,9 +25,14 @@ TrackerName = Annotated[str | None, optional(f"{{{','.join(TRACKERS)}}}", "nothi
 Ablations = Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"[{{{','.join(ABLATIONS)}}} ...]")]
 Updates = Annotated[int | None, optional("INT", "the preset's")]
 
-RESOLVED = ("encoder", "activity")
-"""Fields of `PretrainConfig` that follow from method and ablations."""
-FOLLOWING = {"decay_updates": "all updates", "episode_length": "the task's", "decision_steps": "the task's"}
+RESOLVED = ("encoder", "activity", "nodes")
+"""Fields of configs that follow from method, ablations and task, and are no options."""
+FOLLOWING = {
+    "decay_updates": "all updates",
+    "episode_length": "the task's",
+    "decision_steps": "the task's",
+    "nodes": "the task's",
+}
 """Fields of PPO whose default follows from other settings."""
 _PRETRAIN = overrides(
     "PretrainOptions",
@@ -44,7 +49,7 @@ _ENCODER = overrides(
 _PPO = overrides(
     "PPOOptions",
     {PPOHyper: "", PPOConfig: "the preset's"},
-    left_out=["nodes"],
+    left_out=RESOLVED,
     aliases={"policy": "--policy"},
     defaults=FOLLOWING,
 )
