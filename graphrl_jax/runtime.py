@@ -4,6 +4,7 @@ import contextlib
 import ctypes
 import importlib
 import importlib.metadata
+import importlib.util
 import os
 import platform
 import subprocess
@@ -15,6 +16,12 @@ from types import ModuleType
 
 import jax
 import jax.monitoring
+
+# LLVM's second level makes programs that are as fast as those of its third, and takes a quarter to a half less time for
+# it: 7.5 s instead of 11.5 s for PPO's update on Match Regions. The compilers of other devices would read this, too.
+_LEVEL = "--xla_backend_optimization_level"
+if importlib.util.find_spec("jax_plugins") is None and _LEVEL not in os.environ.get("XLA_FLAGS", ""):
+    os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} {_LEVEL}=2".strip()
 
 # On CPU, jaxlib's batched Cholesky submits its work to the thread pool it runs on and waits for it. If two run at once,
 # as with MJX's implicit integrator, all threads wait and the program hangs (seen with jaxlib 0.10.2 on two cores and 64
