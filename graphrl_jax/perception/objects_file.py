@@ -156,12 +156,14 @@ frame_rate = 10
 #            "articulated"  moves along a track of its own, such as a lid or a drawer
 #            "free"         anything else (the default)
 #   label    what the detector or the labels call it (default: its name)
-#   colour   [red, green, blue], for videos in which every object has a colour of its own; all objects or none
+#   colour   [red, green, blue] from 0 to 255, for videos in which every object has a colour of its own; all objects or
+#            none, and without colours a video needs a trained detector (--weights)
 {objects}"""
 _ENTRY = """
 [[objects]]
 name = {name}
-kind = "{kind}"
+kind = "{kind}"  # {kinds}
+# colour = [red, green, blue]
 """
 
 
@@ -174,7 +176,8 @@ def template(name: str, labels: list[str]) -> str:
     if not all(map(str.strip, labels)):
         raise ValueError(f"the labels are {', '.join(map(repr, labels))}; allowed: texts that are not empty")
     kinds = {label: "free" for label in labels} or {"gripper": "robot", "shelf": "fixture", "cup": "free"}
-    entries = [_ENTRY.format(name=_quoted(label), kind=kind) for label, kind in kinds.items()]
+    listed = f"{', '.join(KINDS[:-1])} or {KINDS[-1]}"
+    entries = [_ENTRY.format(name=_quoted(label), kind=kind, kinds=listed) for label, kind in kinds.items()]
     return TEMPLATE.format(name=_quoted(name), objects="".join(entries))
 
 

@@ -109,4 +109,13 @@ def test_a_missing_file_is_one_sentence(tmp_path):
 @pytest.mark.parametrize("labels", [[], ["cup", 'a "big" \\ box', "two\nlines", "über \x7f"]])
 def test_a_template_can_be_read(read, labels):
     found = read(template('a "drawer"', labels))
+    assert found.detector() is None
     assert found.name == 'a "drawer"' and found.objects.class_names == tuple(labels or ("gripper", "shelf", "cup"))
+
+
+def test_a_template_says_what_may_be_filled_in_and_can_be(read):
+    text = template("cups", ["hand", "cup"])
+    assert text.count('kind = "free"  # robot, fixture, articulated or free\n# colour = [red, green, blue]\n') == 2
+    for colour in ("[40, 40, 220]", "[220, 40, 40]"):
+        text = text.replace("# colour = [red, green, blue]", f"colour = {colour}", 1)
+    assert read(text).detector() is not None

@@ -189,9 +189,7 @@ class Track(NamedTuple):
     source_rate: float | None
 
 
-def tracks_of(
-    source: Source, objects: ObjectTable, detector: Detector | None, frame_rate: float | None
-) -> Iterator[Track]:
+def tracks_of(source: Source, objects: ObjectTable, detector: Detector, frame_rate: float | None) -> Iterator[Track]:
     """Reads the recordings of a source, one at a time, resamples them, and finds their objects.
 
     Raises:
@@ -206,19 +204,18 @@ def tracks_of(
 
 
 def track_recording(
-    recording: Recording, objects: ObjectTable, detector: Detector | None
+    recording: Recording, objects: ObjectTable, detector: Detector
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Boxes (T, N, 4) and mask (T, N) of a recording, and notes on what tracking did to it.
 
     Boxes are the detector's if the recording has images, else its own detections.
 
     Raises:
-      ImportFailure: there are no frames, there are images but no detector, or no object was detected.
+      ImportFailure: there are no frames, or no object was detected.
+      ValueError: there are images, and the detector is a `NoDetector`.
     """
     detections = recording.detections or []
     if recording.frames is not None:
-        if detector is None:
-            raise ImportFailure(f"{recording.source}: images need a detector, and this task has none of its own")
         detections = [detector.detect(frame) for frame in recording.frames]
     if not detections:
         raise ImportFailure(f"{recording.source}: no frames")

@@ -77,5 +77,6 @@ def test_what_is_wrong_with_images_is_said(tmp_path, capsys):
     assert "holds no demonstrations" in refused(capsys, tmp_path / "empty", "--format", "video")
     assert "unknown format 'avi'" in refused(capsys, folder, "--format", "avi")
     imageio.imwrite(folder / "1.png", FRAMES[1])
-    assert "images need a detector" in refused(capsys, folder, "--task", "shoes_in_box")
+    message = refused(capsys, folder, "--task", "shoes_in_box")
+    assert "task shoes_in_box has no detector for its objects" in message and "allowed: --weights MODEL" in message
     gc.collect()  # while its warnings are ignored
