@@ -8,6 +8,7 @@ import numpy as np
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.graph import activity, safe_norm
 from graphrl_jax.reward.alignment import value_order_correlation
+from graphrl_jax.reward.card import Card
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.reward.subtasks import rests
 
@@ -102,9 +103,9 @@ def summary(model: RewardModel, curve: Curve) -> dict[str, Any]:
       frames, seconds; final_progress; value_order_correlation with time; rest, the time in seconds from which on no
       object but the robot moves; value_order_before_rest, the correlation up to it, since at rest there is no order;
       looks_like_success, whether the last reward is as high as at the ends of the demonstrations (`Card.end_reward`);
-      stalls, from and to in seconds; subtasks, first frames of all but the first; coverage, the share of frames in
-      which each object was seen, by name; unseen_at_end, objects that were seen, but not in the last frame, which makes
-      the scores of the end doubtful.
+      stalls, from and to in seconds, none once a recording that ends as a success first looks so; subtasks, first
+      frames of all but the first; coverage, the share of frames in which each object was seen, by name; unseen_at_end,
+      objects that were seen, but not in the last frame, which makes the scores of the end doubtful.
 
     Raises:
       ValueError: the model has no card.
@@ -113,7 +114,7 @@ def summary(model: RewardModel, curve: Curve) -> dict[str, Any]:
     if card is None:
         raise ValueError("a summary needs a reward model with a card")
     length = len(curve.reward)
-    stalls = [(first / card.frame_rate, end / card.frame_rate) for first, end in _stalls(curve, card.frame_rate)]
+    stalls = [(first / card.frame_rate, end / card.frame_rate) for first, end in _stalls(curve, card)]
     return {
         "frames": length,
         "seconds": length / card.frame_rate,
@@ -136,14 +137,14 @@ def _order(reward: np.ndarray, length: int) -> float:
     return float(value_order_correlation(reward[None], np.array([length]))[0])
 
 
-def _stalls(curve: Curve, frame_rate: float) -> list[tuple[int, int]]:
-    """First and end frames of the spans without a gain; being finished is no stall."""
+def _stalls(curve: Curve, card: Card) -> list[tuple[int, int]]:
+    """First and end frames of the spans without a gain, before a recording that ends as a success first looks so."""
+    like_success = curve.reward >= card.end_reward
+    stop = int(np.argmax(like_success)) if like_success[-1] else len(like_success)
     best, since, found = -np.inf, 0, []
-    for frame, progress in enumerate(curve.progress):
+    for frame, progress in enumerate(curve.progress[:stop]):
         if progress > best + STALL_GAIN:
             found.append((since, frame))
             best, since = progress, frame
-    # After the last gain, a recording is either finished or stalls to its end.
-    if best < 1 - STALL_GAIN:
-        found.append((since, len(curve.progress)))
-    return [(first, end) for first, end in found if end - first >= STALL_S * frame_rate]
+    found.append((since, stop))
+    return [(first, end) for first, end in found if end - first >= STALL_S * card.frame_rate]

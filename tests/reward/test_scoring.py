@@ -75,6 +75,16 @@ def test_stalls_are_spans_without_a_gain(model):
     assert summary(model, curve_of(unfinished))["stalls"] == [(0.5, 29 / 8)]
 
 
+def test_a_recording_that_ends_as_a_success_does_not_stall_after_it_first_looked_so(model):
+    # Finished below 1, and a little lower again as the hand leaves.
+    done = np.concatenate([np.linspace(0, 0.95, 9), np.full(24, 0.93)])
+    assert summary(model, curve_of(done))["stalls"] == []
+    late = np.concatenate([np.linspace(0, 0.4, 5), np.full(24, 0.4), [0.95], np.full(24, 0.93)])
+    assert summary(model, curve_of(late))["stalls"] == [(0.5, 29 / 8)]
+    undone = np.concatenate([np.linspace(0, 0.95, 9), np.full(24, 0.5)])
+    assert summary(model, curve_of(undone))["stalls"] == [(1.0, 33 / 8)]
+
+
 def test_a_curve_at_other_times_is_interpolated():
     curve = curve_of(np.array([0.0, 0.4, 0.8]), np.array([0, 0, 1]))._replace(rest=2)
     found = at_times(curve, 2.0, np.array([0.0, 0.25, 0.5, 0.8, 1.0, 1.4]))

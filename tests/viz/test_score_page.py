@@ -33,7 +33,7 @@ def test_a_page_says_what_it_is_given(tmp_path):
     text = page(tmp_path, Scored("a", SUMMARY, np.array([0.0, 0.5, 1.0]), 8.0), Scored("b", SUMMARY, np.zeros(1), 8.0))
     assert "12 demonstrations (people)" in text and "at least −0.13" in text
     assert "hand 100 %, cup 26 % of the frames" in " ".join(text.split())
-    assert '<td class="number">0.95</td>' in text and "<td>yes</td>" in text
+    assert '<td class="number">0.95</td>' in text and "<td>yes</td>" in text and ">0.5-3.0\u00a0s</td>" in text
     assert 'points="52.0,208.0 498.0,110.0 944.0,12.0"' in text and "data:image" not in text
     assert "doubtful" not in text
     assert text.index('id="recording-0"') > text.index("<tbody>")
