@@ -24,7 +24,7 @@ class Curve(NamedTuple):
     | distance | (T,)   | float32 | of the embedding to the goal's, without kappa              |
     | reward   | (T,)   | float32 | Eq. 3                                                      |
     | progress | (T,)   | float32 | 1 plus the reward, from 0 to 1                             |
-    | subtask  | (T,)   | int64   | number of the subtask, from 0                              |
+    | subtask  | (T,)   | int64   | number of the subtask, from 0; 0 if only the robot moves   |
     | active   | (T, N) | bool    | objects that have moved                                    |
     | found    | (T, N) | bool    | objects that were seen                                     |
     | rest     | ()     | int     | frame from which on no object but the robot moves          |
@@ -54,14 +54,16 @@ def score(model: RewardModel, boxes: np.ndarray, mask: np.ndarray) -> Curve:
     embeddings = model.embed_recording(boxes, mask)
     distance = safe_norm(embeddings - model.goal[None])
     reward = np.asarray(model.value(distance))
-    subtask = np.zeros(len(boxes), np.int64)
-    for boundary in rests(np.asarray(embeddings), 1 / float(model.kappa)):
-        subtask[boundary:] += 1
     active, backwards = (
         np.asarray(_activity(*rows, model.pooling)) for rows in ((boxes, mask), (boxes[::-1], mask[::-1]))
     )
+    objects = ~np.array(model.card.objects.is_robot)
+    subtask = np.zeros(len(boxes), np.int64)
+    if active[:, objects].any():
+        for boundary in rests(np.asarray(embeddings), 1 / float(model.kappa)):
+            subtask[boundary:] += 1
     # In backward order, an object is active as soon as it is away from its last place.
-    moving = backwards[::-1, ~np.array(model.card.objects.is_robot)].any(axis=1)
+    moving = backwards[::-1, objects].any(axis=1)
     rest = int(np.flatnonzero(moving).max(initial=-1)) + 1
     return Curve(np.asarray(distance), reward, np.clip(1 + reward, 0, 1), subtask, active, mask, rest)
 

@@ -35,7 +35,8 @@ def test_a_page_says_what_it_is_given(tmp_path):
     assert "hand 100 %, cup 26 % of the frames" in " ".join(text.split())
     assert '<td class="number">0.95</td>' in text and "<td>yes</td>" in text and ">0.5-3.0\u00a0s</td>" in text
     assert 'points="52.0,208.0 498.0,110.0 944.0,12.0"' in text and "data:image" not in text
-    assert "doubtful" not in text
+    assert "doubtful" not in text and "dashed: the learned reward comes to rest, and another subtask begins" in text
+    assert "dashed" not in page(tmp_path, Scored("a", SUMMARY | {"subtasks": []}, np.zeros(3), 8.0))
     assert text.index('id="recording-0"') > text.index("<tbody>")
 
 
