@@ -58,7 +58,8 @@ def run(request: Score) -> dict[str, Any]:
     write_subtasks(request.out, subtasks)
     order = sorted(range(len(rows)), key=lambda number: rows[number]["final_progress"], reverse=True)
     ranked = [rows[number] for number in order]
-    page, title = request.out / "report.html", f"Progress of {request.source.name} in {card.task}"
+    source_name, model_name = request.source.resolve().name, request.model.resolve().name
+    page, title = request.out / "report.html", f"Progress of {source_name}, scored by the reward model {model_name}"
     scores_page(page, [shown[number] for number in order], title, card.demonstrations, card.source, card.end_reward)
     write_json(
         request.out / "scores.json", {"model": str(request.model), "end_reward": card.end_reward, "recordings": ranked}
