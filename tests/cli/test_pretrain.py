@@ -18,9 +18,11 @@ from tests.helpers.commands import call, rejected
 pytestmark = pytest.mark.usefixtures("outside_package")
 
 
-def test_an_encoder_alone_is_trained_and_audited(demos_file, tmp_path):
+def test_an_encoder_alone_is_trained_and_audited(capsys, demos_file, tmp_path):
     out = tmp_path / "encoder"
     call(cli.main, "pretrain", "--demos", demos_file, "--out", out, "--steps", 20)
+    log = capsys.readouterr().err
+    assert log.index("pretraining: 20 of 20  loss") < log.index("auditing encoder")
     summary = json.loads((out / "summary.json").read_text())
     assert set(summary["trajectory_scores"]["by_kind"]) == {"success", "idle"}
     assert (out / "figures" / "landscape.png").exists()
