@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from graphrl_jax import runtime
 from graphrl_jax.cli.options import refuse_existing, refuse_useless
 from graphrl_jax.cli.requests import Import
 from graphrl_jax.cli.sources import detector_of, source_of
@@ -21,6 +22,7 @@ from graphrl_jax.viz.video import write_video
 
 def run(request: Import) -> dict[str, Any]:
     """Carries the request out."""
+    runtime.configure()
     _check(request)
     recorded = None if request.objects is None else read_objects(request.objects)
     task = recorded or make_task(request.task)
