@@ -157,7 +157,7 @@ def guess_format(path: Path) -> str:
     if path.is_file() and not found:
         found = list(by_ending)[:1]
     if not found:
-        raise ImportFailure(f"{path} holds nothing of a known format; known formats: {', '.join(FORMATS)}")
+        raise ImportFailure(_nothing_in(path))
     told = [name for name in found if name in _READY] or found
     if len(told) > 1:
         raise ImportFailure(f"{path} holds {' and '.join(told)}; --format says which to read")
@@ -165,6 +165,15 @@ def guess_format(path: Path) -> str:
     if unclear is not None:
         raise ImportFailure(f"{unclear} may be a frame or a mask; --format frames or --format masks says which")
     return told[0]
+
+
+def _nothing_in(path: Path) -> str:
+    """What is said of a source of no known format."""
+    if path.suffix == ".npz":
+        return f"{path} is a demonstration file; allowed: recordings, such as the videos that it was made of"
+    if path.is_dir() and not any(path.iterdir()):
+        return f"{path} is empty; allowed: a folder with recordings"
+    return f"{path} holds nothing of a known format; known formats: {', '.join(FORMATS)}"
 
 
 class Track(NamedTuple):

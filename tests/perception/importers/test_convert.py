@@ -40,8 +40,16 @@ def test_formats_are_told_by_names(tmp_path):
         (tmp_path / name).touch()
         assert guess_format(tmp_path / name) == expected
     (tmp_path / "nothing").mkdir()
+    with pytest.raises(ImportFailure, match="nothing is empty"):
+        guess_format(tmp_path / "nothing")
+    (tmp_path / "nothing" / "notes.md").touch()
     with pytest.raises(ImportFailure, match="known formats"):
         guess_format(tmp_path / "nothing")
+
+
+def test_a_demonstration_file_is_no_recording(tmp_path, capsys):
+    (tmp_path / "demos.npz").touch()
+    assert "demos.npz is a demonstration file; allowed: recordings" in refused(capsys, tmp_path / "demos.npz")
 
 
 @pytest.mark.parametrize(

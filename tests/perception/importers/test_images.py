@@ -73,7 +73,7 @@ def test_what_is_wrong_with_images_is_said(tmp_path, capsys):
     assert "is missing" in refused(capsys, tmp_path / "nowhere")
     assert "--frame-rate is 0.0; allowed: numbers above 0" in refused(capsys, folder, "--frame-rate", 0)
     (tmp_path / "empty").mkdir()
-    assert "holds nothing of a known format" in refused(capsys, tmp_path / "empty")
+    assert "empty is empty; allowed: a folder with recordings" in refused(capsys, tmp_path / "empty")
     assert "holds no demonstrations" in refused(capsys, tmp_path / "empty", "--format", "video")
     assert "unknown format 'avi'" in refused(capsys, folder, "--format", "avi")
     imageio.imwrite(folder / "1.png", FRAMES[1])
