@@ -1,11 +1,13 @@
-# `make train` and `make test` set everything up themselves, in .venv.
+# `make install` sets everything up, in .venv; the other targets do so themselves.
 PYTHON ?= python3
 BIN := .venv/bin
 
-.PHONY: train test test-slow test-study lint smoke docs clean
+.PHONY: train install test test-slow test-study lint smoke docs clean
 
 train: .venv/installed
 	$(BIN)/python train.py $(ARGS)
+
+install: .venv/installed
 
 test: .venv/installed
 	$(BIN)/python -m pytest -q -n 2 --dist loadfile -m "not slow and not study"

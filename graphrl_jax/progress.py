@@ -20,7 +20,7 @@ class Progress:
         )  # fmt: skip
         self._rich = RichProgress(*columns, console=self._console, disable=not sys.stderr.isatty())
         self._task: TaskID | None = None
-        self._stage, self._started = "", time.perf_counter()
+        self._stage, self._total, self._done, self._started = "", 0, 0, time.perf_counter()
 
     def __enter__(self) -> "Progress":
         self._rich.__enter__()
@@ -33,7 +33,7 @@ class Progress:
 
     def begin(self, stage: str, total: int) -> None:
         """Starts a run stage of `total` steps."""
-        self._stage, self._started = stage, time.perf_counter()
+        self._stage, self._total, self._done, self._started = stage, total, 0, time.perf_counter()
         self._task = self._rich.add_task(stage, total=total, metrics="")
         self.note(stage)
 
@@ -44,8 +44,9 @@ class Progress:
         )
         if self._task is not None:
             self._rich.update(self._task, advance=steps, metrics=text)
+        self._done += steps
         if self._rich.disable:
-            self.note(f"{self._stage}: {text}")
+            self.note("  ".join([f"{self._stage}: {self._done:,} of {self._total:,}", text]).rstrip())
 
     def note(self, text: str) -> None:
         """Prints a permanent line with the seconds since the run stage began."""

@@ -78,12 +78,14 @@ def test_the_readmes_example_draws_a_curve(tmp_path, monkeypatch):
 
 
 def test_the_commands_of_your_own_video_run(tmp_path, monkeypatch):
-    """As they stand, but for a shorter pretraining, and in this process."""
+    """As they stand, but for a shorter pretraining, and in this process; what is installed before is installed."""
     page = DOCS / "your_own_video.md"
     monkeypatch.chdir(tmp_path)
     (tmp_path / "docs").symlink_to(DOCS)
     for line in "".join(code_blocks(page, "bash")).splitlines():
         program, *arguments = shlex.split(line)
+        if program in ("make", "source"):
+            continue
         if program == "python":
             monkeypatch.setattr("sys.argv", arguments)
             runpy.run_path(arguments[0], run_name="__main__")

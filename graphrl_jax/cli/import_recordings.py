@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from graphrl_jax import runtime
 from graphrl_jax.cli.options import refuse_existing, refuse_useless
 from graphrl_jax.cli.requests import Import
-from graphrl_jax.cli.sources import source_of
+from graphrl_jax.cli.sources import detector_of, source_of
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.perception.importers.convert import demonstrations_of, tracks_of
 from graphrl_jax.perception.importers.recording import same_rate
-from graphrl_jax.perception.model_detector import ultralytics
 from graphrl_jax.perception.objects_file import read_objects
 from graphrl_jax.pretrain.config import PretrainHyper
 from graphrl_jax.progress import Progress
@@ -22,11 +22,12 @@ from graphrl_jax.viz.video import write_video
 
 def run(request: Import) -> dict[str, Any]:
     """Carries the request out."""
+    runtime.configure()
     _check(request)
     recorded = None if request.objects is None else read_objects(request.objects)
     task = recorded or make_task(request.task)
     source = source_of(request)
-    detector = task.detector() if request.weights is None else ultralytics(request.weights, task.objects)
+    detector = detector_of(request, task.objects, task.detector())
     tracks, events, first, rates = [], [], None, set()
     with Progress() as progress:
         for track in tracks_of(

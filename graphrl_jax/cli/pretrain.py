@@ -39,6 +39,7 @@ def run(request: Pretrain) -> dict[str, Any]:
         ((model, metrics),) = train_encoders([job], settings.pretrain_config, progress)
         # Rearrangements of what the encoder has seen would say too little.
         audited = RecordedTask(job.split[1]) if isinstance(task, RecordedTask) else task
+        progress.note(f"auditing {folder.path.name}")
         metrics |= audit_reward(job, audited, model)
         assert model.card is not None
         write_card(folder.path, model.card, metrics)

@@ -225,7 +225,7 @@ class Stages:
       run: folder of a run of `train` or `pretrain`, or of a reward model; or owner/name of a model on the hub.
       demos: demonstration file.
       method: rule that finds boundaries; rests and uvd use the embedding, change_points the reward.
-      out: JSON file to write.
+      out: JSON file to write; one that exists is replaced.
     """
 
     run: tyro.conf.Positional[Path]

@@ -9,10 +9,9 @@ import pyarrow as pa
 from graphrl_jax import runtime
 from graphrl_jax.cli.options import refuse_useless
 from graphrl_jax.cli.requests import Score
-from graphrl_jax.cli.sources import source_of
+from graphrl_jax.cli.sources import detector_of, source_of
 from graphrl_jax.perception.detector import Detector
 from graphrl_jax.perception.importers.convert import tracks_of
-from graphrl_jax.perception.model_detector import ultralytics
 from graphrl_jax.perception.objects_file import read_objects
 from graphrl_jax.progress import Progress
 from graphrl_jax.registry import make_task, task_names
@@ -59,7 +58,8 @@ def run(request: Score) -> dict[str, Any]:
     write_subtasks(request.out, subtasks)
     order = sorted(range(len(rows)), key=lambda number: rows[number]["final_progress"], reverse=True)
     ranked = [rows[number] for number in order]
-    page, title = request.out / "report.html", f"Progress of {request.source.name} in {card.task}"
+    source_name, model_name = request.source.resolve().name, request.model.resolve().name
+    page, title = request.out / "report.html", f"Progress of {source_name}, scored by the reward model {model_name}"
     scores_page(page, [shown[number] for number in order], title, card.demonstrations, card.source, card.end_reward)
     write_json(
         request.out / "scores.json", {"model": str(request.model), "end_reward": card.end_reward, "recordings": ranked}
@@ -73,16 +73,15 @@ def _name(recording: Path, source: Path) -> str:
     return str(recording.relative_to(source)) if inside else recording.name
 
 
-def _detector(request: Score, card: Card) -> Detector | None:
+def _detector(request: Score, card: Card) -> Detector:
     """What finds the objects in images: a trained model, the colours of a file of objects, or the task's own."""
-    if request.weights is not None:
-        return ultralytics(request.weights, card.objects)
-    if request.objects is not None:
-        objects = read_objects(request.objects)
-        if objects.objects != card.objects:
-            raise ValueError(f"--objects {request.objects} has other objects than {request.model}")
-        return objects.detector()
-    return make_task(card.task).detector() if card.task in task_names() else None
+    if request.objects is None:
+        own = make_task(card.task).detector() if card.task in task_names() else None
+        return detector_of(request, card.objects, own)
+    found = read_objects(request.objects)
+    if found.objects != card.objects:
+        raise ValueError(f"--objects {request.objects} has other objects than {request.model}")
+    return detector_of(request, card.objects, found.detector())
 
 
 def _table(curve: Curve, times: np.ndarray, episode: int, first: int, card: Card) -> pa.Table:

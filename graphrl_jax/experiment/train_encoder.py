@@ -75,8 +75,8 @@ def train_encoders(
     """Pretrains encoders on three quarters of the successes and fits their rewards; writes the parameters of each.
 
     Returns:
-      Per job its reward model, and metrics on the held-out quarter: kendall_tau, cycle_consistency,
-      value_order_correlation; and pretrain_s, the seconds of all optimiser steps of all jobs, compilation included.
+      Per job its reward model, and its metrics on the held-out quarter (see `encoder_metrics`); and pretrain_s, the
+      seconds of all optimiser steps of all jobs, compilation included.
 
     Raises:
       ValueError: the jobs' demonstrations differ in number or length.
@@ -192,12 +192,13 @@ def _card(job: EncoderJob, config: PretrainConfig, model: RewardModel) -> Card:
 
 
 def encoder_metrics(model: RewardModel, held_out: Demonstrations) -> dict[str, float]:
-    """Computes Kendall's tau, cycle consistency (0 with fewer than two or three) and value-order correlation."""
+    """Value-order correlation, and Kendall's tau of two demonstrations or more, cycle consistency of three or more."""
     embeddings = demonstration_embeddings(model, held_out)
     rewards = demonstration_rewards(model, held_out)
     lengths = held_out.lengths
-    return {
-        "kendall_tau": kendall_tau(embeddings, lengths) if len(held_out) >= 2 else 0.0,
-        "cycle_consistency": cycle_consistency(embeddings, lengths) if len(held_out) >= 3 else 0.0,
-        "value_order_correlation": float(np.mean(value_order_correlation(rewards, lengths))),
-    }
+    metrics = {"value_order_correlation": float(np.mean(value_order_correlation(rewards, lengths)))}
+    if len(held_out) >= 2:
+        metrics["kendall_tau"] = kendall_tau(embeddings, lengths)
+    if len(held_out) >= 3:
+        metrics["cycle_consistency"] = cycle_consistency(embeddings, lengths)
+    return metrics

@@ -3,6 +3,7 @@
 `tracking` assigns identities over time.
 """
 
+from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -28,6 +29,25 @@ class Detector(Protocol):
     def detect(self, frame: np.ndarray) -> list[Detection]:
         """Objects in a frame (H, W, 3) uint8, in any order."""
         ...
+
+
+@dataclass(frozen=True)
+class NoDetector:
+    """Stands where no detector is known: it refuses images.
+
+    Attributes:
+      why: one sentence, which says what would find the objects.
+    """
+
+    why: str
+
+    def detect(self, frame: np.ndarray) -> list[Detection]:
+        """Finds nothing.
+
+        Raises:
+          ValueError: always; the message is `why`.
+        """
+        raise ValueError(self.why)
 
 
 def box_of_corners(corners: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ label = "mug"                 # as the detector or the labels call it
 colour = [220, 40, 40]        # or its colour, for the detector by colours
 """
 
+import difflib
 import json
 import math
 import tomllib
@@ -59,19 +60,22 @@ def read_objects(path: Path) -> ObjectsFile:
     """Reads a file of objects.
 
     Raises:
-      ObjectsError: the file is missing or no TOML, or a field is missing, unknown or has a value that is not allowed.
+      ObjectsError: the file is missing or no valid TOML, or a field is missing or unknown or has a value that is not
+        allowed.
     """
     try:
         content = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise ObjectsError(f"{path} is missing") from None
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ObjectsError(f"{path}: no TOML: {' '.join(str(error).split())}") from None
+    except OSError as error:
+        raise ObjectsError(f"{path} cannot be read: {error.strerror}") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ObjectsError(f"{path} is not valid TOML: {' '.join(str(error).split())}") from None
     _refuse_unknown(content, _FIELDS, str(path))
     listed = content.get("objects")
     if not isinstance(listed, list) or not all(isinstance(one, dict) for one in listed):
         raise ObjectsError(f"{path}: objects is {listed!r}; allowed: one [[objects]] or more")
-    rows = [_object(one, f"{path}: objects[{number}]") for number, one in enumerate(listed)]
+    rows = [_object(one, f"{path}: {_called(one, number)}") for number, one in enumerate(listed, start=1)]
     labels = list(dict.fromkeys(row["label"] for row in rows))
     flags = {kind: tuple(row["kind"] == kind for row in rows) for kind in KINDS}
     try:
@@ -92,7 +96,8 @@ def read_objects(path: Path) -> ObjectsFile:
 def _refuse_unknown(found: Mapping[str, Any], known: tuple[str, ...], where: str) -> None:
     for field in found:
         if field not in known:
-            raise ObjectsError(f"{where}: {field} is unknown; known fields: {', '.join(known)}")
+            meant = "".join(f" (did you mean {one}?)" for one in difflib.get_close_matches(field, known, n=1))
+            raise ObjectsError(f"{where}: {field} is unknown{meant}; known fields: {', '.join(known)}")
 
 
 def _text(found: Mapping[str, Any], field: str, where: str) -> str:
@@ -106,6 +111,12 @@ def _frame_rate(value: Any, path: Path) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not 0 < value < math.inf:
         raise ObjectsError(f"{path}: frame_rate is {value!r}; allowed: a number above 0")
     return float(value)
+
+
+def _called(found: Mapping[str, Any], number: int) -> str:
+    """What messages call an object: its number from 1 and its name, if it has one."""
+    name = found.get("name")
+    return f"object {number} ({name})" if isinstance(name, str) and name.strip() else f"object {number}"
 
 
 def _object(found: Mapping[str, Any], where: str) -> dict[str, Any]:
@@ -156,12 +167,14 @@ frame_rate = 10
 #            "articulated"  moves along a track of its own, such as a lid or a drawer
 #            "free"         anything else (the default)
 #   label    what the detector or the labels call it (default: its name)
-#   colour   [red, green, blue], for videos in which every object has a colour of its own; all objects or none
+#   colour   [red, green, blue] from 0 to 255, for videos in which every object has a colour of its own; all objects or
+#            none, and without colours a video needs a trained detector (--weights)
 {objects}"""
 _ENTRY = """
 [[objects]]
 name = {name}
-kind = "{kind}"
+kind = "{kind}"  # {kinds}
+# colour = [red, green, blue]
 """
 
 
@@ -174,7 +187,8 @@ def template(name: str, labels: list[str]) -> str:
     if not all(map(str.strip, labels)):
         raise ValueError(f"the labels are {', '.join(map(repr, labels))}; allowed: texts that are not empty")
     kinds = {label: "free" for label in labels} or {"gripper": "robot", "shelf": "fixture", "cup": "free"}
-    entries = [_ENTRY.format(name=_quoted(label), kind=kind) for label, kind in kinds.items()]
+    listed = f"{', '.join(KINDS[:-1])} or {KINDS[-1]}"
+    entries = [_ENTRY.format(name=_quoted(label), kind=kind, kinds=listed) for label, kind in kinds.items()]
     return TEMPLATE.format(name=_quoted(name), objects="".join(entries))
 
 

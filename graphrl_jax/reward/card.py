@@ -17,6 +17,21 @@ from graphrl_jax.storage import StorageError, from_plain, read_json, write_atomi
 
 CONFIG, MODEL, README = "config.json", "model.safetensors", "README.md"
 _ENTRY = "reward_model"
+_MEASURES = {
+    "value_order_correlation": ("rank correlation of the reward with time in held-out demonstrations", "above 0.9"),
+    "pair_accuracy": ("of two scenes, how often the one with less left to do has the higher reward", "above 0.8"),
+    "finished_above_unfinished": (
+        "how often a finished scene has a higher reward than an unfinished one",
+        "above 0.95",
+    ),
+    "within_above_beside": ("how often a finished scene has a higher reward than one just short of it", "above 0.9"),
+    "maxima_inside": ("how often the place with the highest reward for an object is in its goal", "above 0.95"),
+    "bump_bonus": ("reward that is paid if all objects count as moved", "near 0"),
+    "kendall_tau": ("whether like frames of two held-out demonstrations come in the same order", "above 0.8"),
+    "cycle_consistency": ("share of frames that are their own match by way of two other demonstrations", "high"),
+    "pretrain_s": ("seconds of pretraining", ""),
+}
+"""What the measures of an audit mean, and which values are good."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +66,8 @@ def write_card(folder: Path, card: Card, numbers: Mapping[str, Any]) -> None:
     Args:
       folder: folder of the model.
       card: the card.
-      numbers: measures of the model by name, such as its audit; those that are no numbers are left out.
+      numbers: measures of the model by name, such as its audit; those that are no numbers are left out. The text has a
+        meaning for those of pretraining.
     """
     path = folder / CONFIG
     others = read_json(path) if path.exists() else {}
@@ -92,7 +108,7 @@ def _text(card: Card, numbers: Mapping[str, Any]) -> str:
     ]
     classes = [objects.class_names[number] for number in objects.class_ids]
     rows = [f"| {name} | {label} | {kind} |" for name, label, kind in zip(objects.names, classes, names, strict=True)]
-    measured = [f"| {name} | {value:.4g} |" for name, value in numbers.items() if type(value) in (int, float)]
+    measured = [_measure(name, value) for name, value in numbers.items() if type(value) in (int, float)]
     used = ", ".join(f"{name} {version}" for name, version in versions().items())
     return f"""---
 library_name: graphrl_jax
@@ -114,8 +130,8 @@ of at least {card.end_reward:.3g} looks like success.
 |---|---|---|
 {chr(10).join(rows)}
 
-| measure | value |
-|---|---|
+| measure | value | good | meaning |
+|---|---|---|---|
 {chr(10).join(measured)}
 
 ```python
@@ -127,6 +143,12 @@ rewards = model.rewards(boxes, mask)  # (T, N, 4) and (T, N) -> (T,)
 
 Encoder: {card.encoder.kind}, {card.encoder.embedding} dimensions. Made with {used}.
 """
+
+
+def _measure(name: str, value: float) -> str:
+    """A measure's row."""
+    meaning, good = _MEASURES.get(name, ("", ""))
+    return f"| {name} | {value:.4g} | {good} | {meaning} |"
 
 
 def _of_images(card: Card) -> str:

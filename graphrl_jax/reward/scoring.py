@@ -8,6 +8,7 @@ import numpy as np
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.graph import activity, safe_norm
 from graphrl_jax.reward.alignment import value_order_correlation
+from graphrl_jax.reward.card import Card
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.reward.subtasks import rests
 
@@ -23,7 +24,7 @@ class Curve(NamedTuple):
     | distance | (T,)   | float32 | of the embedding to the goal's, without kappa              |
     | reward   | (T,)   | float32 | Eq. 3                                                      |
     | progress | (T,)   | float32 | 1 plus the reward, from 0 to 1                             |
-    | subtask  | (T,)   | int64   | number of the subtask, from 0                              |
+    | subtask  | (T,)   | int64   | number of the subtask, from 0; 0 if only the robot moves   |
     | active   | (T, N) | bool    | objects that have moved                                    |
     | found    | (T, N) | bool    | objects that were seen                                     |
     | rest     | ()     | int     | frame from which on no object but the robot moves          |
@@ -53,14 +54,16 @@ def score(model: RewardModel, boxes: np.ndarray, mask: np.ndarray) -> Curve:
     embeddings = model.embed_recording(boxes, mask)
     distance = safe_norm(embeddings - model.goal[None])
     reward = np.asarray(model.value(distance))
-    subtask = np.zeros(len(boxes), np.int64)
-    for boundary in rests(np.asarray(embeddings), 1 / float(model.kappa)):
-        subtask[boundary:] += 1
     active, backwards = (
         np.asarray(_activity(*rows, model.pooling)) for rows in ((boxes, mask), (boxes[::-1], mask[::-1]))
     )
+    objects = ~np.array(model.card.objects.is_robot)
+    subtask = np.zeros(len(boxes), np.int64)
+    if active[:, objects].any():
+        for boundary in rests(np.asarray(embeddings), 1 / float(model.kappa)):
+            subtask[boundary:] += 1
     # In backward order, an object is active as soon as it is away from its last place.
-    moving = backwards[::-1, ~np.array(model.card.objects.is_robot)].any(axis=1)
+    moving = backwards[::-1, objects].any(axis=1)
     rest = int(np.flatnonzero(moving).max(initial=-1)) + 1
     return Curve(np.asarray(distance), reward, np.clip(1 + reward, 0, 1), subtask, active, mask, rest)
 
@@ -102,9 +105,9 @@ def summary(model: RewardModel, curve: Curve) -> dict[str, Any]:
       frames, seconds; final_progress; value_order_correlation with time; rest, the time in seconds from which on no
       object but the robot moves; value_order_before_rest, the correlation up to it, since at rest there is no order;
       looks_like_success, whether the last reward is as high as at the ends of the demonstrations (`Card.end_reward`);
-      stalls, from and to in seconds; subtasks, first frames of all but the first; coverage, the share of frames in
-      which each object was seen, by name; unseen_at_end, objects that were seen, but not in the last frame, which makes
-      the scores of the end doubtful.
+      stalls, from and to in seconds, none once a recording that ends as a success first looks so; subtasks, first
+      frames of all but the first; coverage, the share of frames in which each object was seen, by name; unseen_at_end,
+      objects that were seen, but not in the last frame, which makes the scores of the end doubtful.
 
     Raises:
       ValueError: the model has no card.
@@ -113,7 +116,7 @@ def summary(model: RewardModel, curve: Curve) -> dict[str, Any]:
     if card is None:
         raise ValueError("a summary needs a reward model with a card")
     length = len(curve.reward)
-    stalls = [(first / card.frame_rate, end / card.frame_rate) for first, end in _stalls(curve, card.frame_rate)]
+    stalls = [(first / card.frame_rate, end / card.frame_rate) for first, end in _stalls(curve, card)]
     return {
         "frames": length,
         "seconds": length / card.frame_rate,
@@ -136,14 +139,14 @@ def _order(reward: np.ndarray, length: int) -> float:
     return float(value_order_correlation(reward[None], np.array([length]))[0])
 
 
-def _stalls(curve: Curve, frame_rate: float) -> list[tuple[int, int]]:
-    """First and end frames of the spans without a gain; being finished is no stall."""
+def _stalls(curve: Curve, card: Card) -> list[tuple[int, int]]:
+    """First and end frames of the spans without a gain, before a recording that ends as a success first looks so."""
+    like_success = curve.reward >= card.end_reward
+    stop = int(np.argmax(like_success)) if like_success[-1] else len(like_success)
     best, since, found = -np.inf, 0, []
-    for frame, progress in enumerate(curve.progress):
+    for frame, progress in enumerate(curve.progress[:stop]):
         if progress > best + STALL_GAIN:
             found.append((since, frame))
             best, since = progress, frame
-    # After the last gain, a recording is either finished or stalls to its end.
-    if best < 1 - STALL_GAIN:
-        found.append((since, len(curve.progress)))
-    return [(first, end) for first, end in found if end - first >= STALL_S * frame_rate]
+    found.append((since, stop))
+    return [(first, end) for first, end in found if end - first >= STALL_S * card.frame_rate]

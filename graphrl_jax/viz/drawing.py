@@ -3,6 +3,8 @@
 `RewardPanel` draws at `SCALE` times its size and averages down, which smooths the edges.
 """
 
+import math
+
 import jax
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
@@ -11,6 +13,7 @@ from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.graph import activity
 
 Colour = tuple[int, int, int]
+Font = ImageFont.FreeTypeFont | ImageFont.ImageFont
 
 PANEL: Colour = (255, 255, 255)
 INK: Colour = (60, 60, 60)
@@ -21,6 +24,8 @@ IDLE_COLOUR: Colour = (140, 140, 140)
 ROBOT_BOX_COLOUR: Colour = (40, 80, 220)
 
 SCALE = 2
+LEAST_SIDE = 480
+"""Pixels of an overlay's shorter side: names on smaller images could not be read."""
 
 
 def draw_boxes(
@@ -112,28 +117,42 @@ def draw_broken(
 
 
 def overlay(frames: np.ndarray, demonstration: Demonstrations, tau: float) -> np.ndarray:
-    """Frames (T, H, W, 3) uint8 with every object's box and name: orange once it has moved, blue for the robot.
+    """Frames with every object's box and name: orange once it has moved, blue for the robot.
 
     Args:
       frames: (T, H, W, 3) uint8.
       demonstration: the demonstration of these frames, a set of one.
       tau: activity threshold, see `graph.update_activity`.
+
+    Returns:
+      (T, s H, s W, 3) uint8, where s is the least whole number that makes the shorter side `LEAST_SIDE` or more.
     """
     boxes, mask = demonstration.boxes[0], demonstration.mask[0]
     active = np.asarray(jax.jit(activity)(boxes, mask, tau))
-    height, width = frames.shape[1:3]
+    factor = math.ceil(LEAST_SIDE / min(frames.shape[1:3]))
+    height, width = (factor * side for side in frames.shape[1:3])
     scale = np.array([width, height])
-    font = ImageFont.load_default(max(9, height // 32))
+    font = ImageFont.load_default(height / 30)
     objects = demonstration.objects
     drawn = []
     for frame, seen, moved, places in zip(frames, mask, active, boxes, strict=False):
-        image = Image.fromarray(frame)
+        image = Image.fromarray(frame.repeat(factor, axis=0).repeat(factor, axis=1))
         draw = ImageDraw.Draw(image)
         for slot in np.flatnonzero(seen):
             colour = ROBOT_BOX_COLOUR if objects.is_robot[slot] else ACTIVE_COLOUR if moved[slot] else IDLE_COLOUR
             low = (places[slot, :2] - places[slot, 2:] / 2) * scale
             high = (places[slot, :2] + places[slot, 2:] / 2) * scale
-            draw.rectangle([*low.tolist(), *(high - 1).tolist()], outline=colour, width=max(1, height // 250))
-            draw.text((low[0] + 2, low[1] + 1), objects.names[slot], fill=colour, font=font)
+            draw.rectangle([*low.tolist(), *(high - 1).tolist()], outline=colour, width=height // 240)
+            _draw_name(draw, low.tolist(), objects.names[slot], colour, font)
         drawn.append(np.asarray(image))
     return np.stack(drawn)
+
+
+def _draw_name(draw: ImageDraw.ImageDraw, corner: list[float], name: str, colour: Colour, font: Font) -> None:
+    """Draws a name on a background of its box's colour: above the box's upper left corner, below it at the top edge."""
+    _, top, right, bottom = draw.textbbox((0, 0), name, font=font)
+    margin = (bottom - top) / 4
+    width, height = right + 2 * margin, bottom - top + 2 * margin
+    x, y = corner[0], corner[1] - height if corner[1] >= height else corner[1]
+    draw.rectangle([x, y, x + width, y + height], fill=colour)
+    draw.text((x + margin, y + margin - top), name, fill=PANEL, font=font)

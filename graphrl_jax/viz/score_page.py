@@ -46,7 +46,7 @@ def scores_page(
         title=title,
         demonstrations=demonstrations,
         source=source,
-        end_reward=end_reward,
+        end_progress=1 + end_reward,
         recordings=[_context(one) for one in recordings],
     )
 

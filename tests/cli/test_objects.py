@@ -1,14 +1,20 @@
 """`graphrl objects`, and the way from videos and a file of objects to a reward model, without a registered task."""
 
 import json
+from dataclasses import replace
 
+import jax
 import numpy as np
 import pytest
 
 from graphrl_jax import cli
 from graphrl_jax.demonstrations import load
+from graphrl_jax.encoder import encoder
+from graphrl_jax.encoder.config import EncoderConfig
+from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.perception.objects_file import read_objects
-from graphrl_jax.reward.model import RewardModel
+from graphrl_jax.reward.card import Card
+from graphrl_jax.reward.model import RewardModel, fit_reward
 from graphrl_jax.viz.video import write_video
 from tests.helpers.commands import call, rejected
 
@@ -112,6 +118,24 @@ def test_a_task_and_objects_are_not_asked_for_at_once(capsys, demos_file, tmp_pa
     arguments[3] = objects.with_name("other.toml")
     assert "other.toml: frame_rate is 0; allowed: a number above 0" in rejected(capsys, arguments, main=cli.main)
     assert not list(tmp_path.iterdir())
+
+
+def test_images_without_colours_are_refused_with_the_way_out(capsys, demos_file, tmp_path):
+    videos, plain, model = demos_file.with_name("videos"), tmp_path / "plain.toml", tmp_path / "cups"
+    plain.write_text("".join(line for line in CUPS.splitlines(True) if "colour" not in line))
+    says = f"{plain} gives its objects no colours, so nothing finds them in images; allowed: a colour for every object,"
+    coloured = ["--objects", plain, "--out", tmp_path / "refused"]
+    assert f"{says} or --weights MODEL\n" in rejected(capsys, ["import", videos, *coloured], cli.main)
+
+    demos = load(demos_file)
+    params = encoder.init(jax.random.key(0), EncoderConfig(), demos.objects)
+    card = Card(demos.objects, 5.0, EncoderConfig(), "displacement", "cups", "made up", 4, -0.1)
+    replace(fit_reward(params, demos, PoolingParams(2.0, 0.02)), card=card).save(model)
+    assert says in rejected(capsys, ["score", model, videos, *coloured], cli.main)
+    message = rejected(capsys, ["score", model, videos, *coloured[2:]], cli.main)
+    assert f"{model} does not say how its objects look" in message
+    assert "allowed: --objects FILE with their colours, or --weights MODEL" in message
+    assert not (tmp_path / "refused").exists()
 
 
 def test_policies_need_a_simulator(capsys, demos_file, tmp_path):

@@ -18,15 +18,20 @@ from tests.helpers.commands import call, rejected
 pytestmark = pytest.mark.usefixtures("outside_package")
 
 
-def test_an_encoder_alone_is_trained_and_audited(demos_file, tmp_path):
+def test_an_encoder_alone_is_trained_and_audited(capsys, demos_file, tmp_path):
     out = tmp_path / "encoder"
     call(cli.main, "pretrain", "--demos", demos_file, "--out", out, "--steps", 20)
+    log = capsys.readouterr().err
+    assert log.index("pretraining: 20 of 20  loss") < log.index("auditing encoder")
     summary = json.loads((out / "summary.json").read_text())
     assert set(summary["trajectory_scores"]["by_kind"]) == {"success", "idle"}
     assert (out / "figures" / "landscape.png").exists()
     model = RewardModel.load(out)
     assert (model.card.task, model.card.demonstrations) == ("carry", 4)
-    assert "| pair_accuracy |" in (out / "README.md").read_text()
+    card = (out / "README.md").read_text()
+    rows = [line.split(" | ") for line in card.partition("| measure |")[2].splitlines()[2:] if line[:1] == "|"]
+    assert "| pair_accuracy |" in card and len(rows) > 5 and all(row[3].strip(" |") for row in rows)
+    assert "kendall_tau" in card and "cycle_consistency" not in card  # which needs three held-out demonstrations
     assert summary["discrimination"]["failures"] == 2 and 0 <= summary["discrimination"]["auroc"] <= 1
     assert json.loads((out / "subtasks.json").read_text())["judged"] == summary["subtasks"]
     config = json.loads((out / "config.json").read_text())

@@ -43,6 +43,7 @@ def test_recordings_are_scored_and_ranked(recordings, tmp_path):
     assert whole["coverage"]["robot"] == 1 and whole["episode_index"] == 1
 
     page = (tmp_path / "scores" / "report.html").read_text()
+    assert f"Progress of {recordings.name}, scored by the reward model match_regions_graph" in page
     assert page.count("<section") == 2 and page.index("whole.mp4") < page.index("half.mp4")
 
     table = parquet.read_table(tmp_path / "scores" / "progress.parquet")

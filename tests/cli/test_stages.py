@@ -17,7 +17,7 @@ pytestmark = pytest.mark.usefixtures("outside_package")
 
 
 @pytest.mark.parametrize("method", SUBTASK_METHODS)
-def test_subtasks_of_demonstrations_without_labels(demos_file, tmp_path, finished, method):
+def test_subtasks_of_demonstrations_without_labels(capsys, demos_file, tmp_path, finished, method):
     bare = replace(load(demos_file), events=None, event_names=(), kinds=None)
     file, out = tmp_path / "bare.npz", tmp_path / "subtasks.json"
     bare.save(file)
@@ -25,7 +25,10 @@ def test_subtasks_of_demonstrations_without_labels(demos_file, tmp_path, finishe
     assert printed == {"out": str(out), "demonstrations": len(bare)}
     rows = json.loads(out.read_text())["subtasks"]
     assert [row["length"] for row in rows] == bare.lengths.tolist()
-    for row in rows:
+    log = [line.partition("] ")[2] for line in capsys.readouterr().err.splitlines()]
+    for number, row in enumerate(rows, start=1):
+        told = f"boundaries at {', '.join(f'{second:.1f}' for second in row['seconds'])} s"
+        assert f"demonstration {number} of {len(rows)}: {told if row['seconds'] else 'no boundaries'}" in log
         assert all(0 < frame < row["length"] for frame in row["boundaries"])
         np.testing.assert_allclose(np.array(row["seconds"]) * bare.frame_rate, row["boundaries"])
 

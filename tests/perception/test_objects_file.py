@@ -77,15 +77,23 @@ RED = "colour = [220, 40, 40]\n"
         (("frame_rate = 10", "fps = 10"), "drawer.toml: fps is unknown; known fields: name, frame_rate, objects"),
         (
             ('kind = "robot"', 'kind = "arm"'),
-            r"objects\[0\]: kind is 'arm'; allowed: robot, fixture, articulated, free",
+            r"object 1 \(gripper\): kind is 'arm'; allowed: robot, fixture, articulated, free",
         ),
-        (('label = "hand"', "label = 3"), r"objects\[0\]: label is 3; allowed: a text"),
-        (('label = "hand"', 'class = "hand"'), r"objects\[0\]: class is unknown; known fields: name, kind, label"),
+        (('label = "hand"', "label = 3"), r"object 1 \(gripper\): label is 3; allowed: a text"),
+        (
+            ('label = "hand"', 'class = "hand"'),
+            r"object 1 \(gripper\): class is unknown; known fields: name, kind, label",
+        ),
+        (('name = "drawer"\nkind', "kind"), "drawer.toml: object 2: name is None; allowed: a text"),
+        (
+            ('kind = "fixture"', RED.replace("colour", "color")),
+            r"\(shelf\): color is unknown \(did you mean colour\?\); known",
+        ),
         (('"right cup"', '"left cup"'), "names must hold at least one name and no name twice"),
-        (('kind = "fixture"', "colour = [1, 2]"), r"objects\[4\]: colour is \[1, 2\]; allowed: red, green, blue"),
+        (('kind = "fixture"', "colour = [1, 2]"), r"object 5 \(shelf\): colour is \[1, 2\]; allowed: red, green, blue"),
         (('kind = "fixture"', RED), "no object labelled 'hand' has a colour; allowed: all or none"),
-        (("[[objects]]", "[objects]"), "drawer.toml: (no TOML|objects is)"),
-        (("frame_rate", "frame rate"), "drawer.toml: no TOML"),
+        (("[[objects]]", "[objects]"), "drawer.toml(: objects is| is not valid TOML:) "),
+        (("frame_rate", "frame rate"), "drawer.toml is not valid TOML: "),
     ],
 )
 def test_what_is_wrong_is_named_by_file_and_field(read, change, message):
@@ -104,9 +112,20 @@ def test_colours_tell_objects_apart(read):
 def test_a_missing_file_is_one_sentence(tmp_path):
     with pytest.raises(ObjectsError, match="none.toml is missing"):
         read_objects(tmp_path / "none.toml")
+    with pytest.raises(ObjectsError, match="cannot be read: Is a directory"):
+        read_objects(tmp_path)
 
 
 @pytest.mark.parametrize("labels", [[], ["cup", 'a "big" \\ box', "two\nlines", "über \x7f"]])
 def test_a_template_can_be_read(read, labels):
     found = read(template('a "drawer"', labels))
+    assert found.detector() is None
     assert found.name == 'a "drawer"' and found.objects.class_names == tuple(labels or ("gripper", "shelf", "cup"))
+
+
+def test_a_template_says_what_may_be_filled_in_and_can_be(read):
+    text = template("cups", ["hand", "cup"])
+    assert text.count('kind = "free"  # robot, fixture, articulated or free\n# colour = [red, green, blue]\n') == 2
+    for colour in ("[40, 40, 220]", "[220, 40, 40]"):
+        text = text.replace("# colour = [red, green, blue]", f"colour = {colour}", 1)
+    assert read(text).detector() is not None

@@ -41,7 +41,7 @@ def model() -> RewardModel:
 @pytest.fixture(scope="module")
 def folder(model, tmp_path_factory):
     path = tmp_path_factory.mktemp("models") / "sorting"
-    model.save(path, {"pair_accuracy": 0.5, "by_kind": {"a": 1}})
+    model.save(path, {"pair_accuracy": 0.5, "by_kind": {"a": 1}, "votes": 3})
     return path
 
 
@@ -64,7 +64,9 @@ def test_a_folder_that_was_moved_gives_the_same_rewards_in_a_fresh_process(model
 def test_people_can_read_the_card(folder):
     text = (folder / "README.md").read_text()
     assert "# Reward model for sorting" in text and "8 frames per second" in text
-    assert "| pair_accuracy | 0.5 |" in text and "by_kind" not in text
+    meaning = "of two scenes, how often the one with less left to do has the higher reward"
+    assert f"| pair_accuracy | 0.5 | above 0.8 | {meaning} |" in text and "by_kind" not in text
+    assert "| votes | 3 |  |  |" in text
     for name in OBJECTS.names:
         assert f"| {name} |" in text
 

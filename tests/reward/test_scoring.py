@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from graphrl_jax.reward import scoring
 from graphrl_jax.reward.model import RewardModel, demonstration_rewards
 from graphrl_jax.reward.scoring import Curve, at_times, score, summary
 from tests.helpers.graphs import OBJECTS
@@ -62,6 +63,16 @@ def test_rest_begins_when_the_last_object_but_the_robot_stands_still(model):
     assert score(model, boxes, mask).rest == np.flatnonzero(np.linspace(0.1, 0.9, 12) > 0.5)[0]
 
 
+def test_where_only_the_robot_moves_there_are_no_subtasks(model, monkeypatch):
+    monkeypatch.setattr(scoring, "rests", lambda *_: [4, 8])
+    boxes = np.tile(np.array([[0.2, 0.2, 0.1, 0.1]], np.float32), (12, OBJECTS.num_slots, 1))
+    mask = np.ones(boxes.shape[:2], bool)
+    boxes[:, OBJECTS.names.index("robot"), 0] = np.linspace(0.1, 0.9, 12)
+    assert not score(model, boxes, mask).subtask.any()
+    boxes[6:, OBJECTS.names.index("block"), 0] = 0.5
+    np.testing.assert_array_equal(score(model, boxes, mask).subtask, np.repeat([0, 1, 2], 4))
+
+
 def test_a_recording_that_is_cut_off_does_not_look_like_success(model):
     assert not summary(model, curve_of(np.linspace(0, 0.95, 41)[:20]))["looks_like_success"]
     assert not summary(model, curve_of(np.linspace(0, 0.89, 41)))["looks_like_success"]
@@ -73,6 +84,16 @@ def test_stalls_are_spans_without_a_gain(model):
     assert summary(model, curve_of(progress))["stalls"] == [(0.5, 29 / 8)]
     unfinished = np.concatenate([np.linspace(0, 0.4, 5), np.full(24, 0.4)])
     assert summary(model, curve_of(unfinished))["stalls"] == [(0.5, 29 / 8)]
+
+
+def test_a_recording_that_ends_as_a_success_does_not_stall_after_it_first_looked_so(model):
+    # Finished below 1, and a little lower again as the hand leaves.
+    done = np.concatenate([np.linspace(0, 0.95, 9), np.full(24, 0.93)])
+    assert summary(model, curve_of(done))["stalls"] == []
+    late = np.concatenate([np.linspace(0, 0.4, 5), np.full(24, 0.4), [0.95], np.full(24, 0.93)])
+    assert summary(model, curve_of(late))["stalls"] == [(0.5, 29 / 8)]
+    undone = np.concatenate([np.linspace(0, 0.95, 9), np.full(24, 0.5)])
+    assert summary(model, curve_of(undone))["stalls"] == [(1.0, 33 / 8)]
 
 
 def test_a_curve_at_other_times_is_interpolated():

@@ -74,11 +74,15 @@ def test_the_overlay_shows_names_and_boxes_of_what_is_there_and_what_has_moved()
     demos = replace(demos, boxes=boxes, mask=demos.mask & (np.arange(4) != 2))
     frames = np.zeros((6, 96, 96, 3), np.uint8)
     seen = drawing.overlay(frames, demos, 0.02)
-    assert seen.shape == frames.shape and seen.dtype == np.uint8 and not frames.any()
+    # Small frames are drawn five times as large, so that names can be read.
+    assert seen.shape == (6, 480, 480, 3) and seen.dtype == np.uint8 and not frames.any()
     # The robot walks, then carries the block; the region is masked.
     assert {drawing.ROBOT_BOX_COLOUR, drawing.IDLE_COLOUR} <= colours(seen[0])
     assert drawing.ACTIVE_COLOUR not in colours(seen[0])
     assert {drawing.ROBOT_BOX_COLOUR, drawing.ACTIVE_COLOUR} <= colours(seen[-1])
     assert drawing.IDLE_COLOUR not in colours(seen[-1])
-    left, top = ((demos.boxes[0, 0, 1, :2] - demos.boxes[0, 0, 1, 2:] / 2) * 96).round().astype(int)
+    left, top = ((demos.boxes[0, 0, 1, :2] - demos.boxes[0, 0, 1, 2:] / 2) * 480).round().astype(int)
     assert tuple(seen[0, top, left]) == drawing.IDLE_COLOUR
+    name = seen[0, top - 14 : top - 1, left : left + 40].reshape(-1, 3)
+    assert (name == drawing.PANEL).all(1).any() and (name == drawing.IDLE_COLOUR).all(1).mean() > 0.4
+    assert drawing.overlay(np.zeros((6, 500, 600, 3), np.uint8), demos, 0.02).shape == (6, 500, 600, 3)

@@ -31,11 +31,14 @@ def test_a_page_is_one_file_without_links_to_the_network(tmp_path):
 
 def test_a_page_says_what_it_is_given(tmp_path):
     text = page(tmp_path, Scored("a", SUMMARY, np.array([0.0, 0.5, 1.0]), 8.0), Scored("b", SUMMARY, np.zeros(1), 8.0))
-    assert "12 demonstrations (people)" in text and "at least −0.13" in text
-    assert "hand 100 %, cup 26 % of the frames" in " ".join(text.split())
-    assert '<td class="number">0.95</td>' in text and "<td>yes</td>" in text
+    words = " ".join(text.split())
+    assert "12 demonstrations (people)" in words and "ends with a progress of at least 0.87" in words
+    assert "from −1 to 1; at 1, the reward rises all the time" in words
+    assert "5.1 s. Share of frames in which each object was seen: hand 100 %, cup 26 %." in words
+    assert '<td class="number">0.95</td>' in text and "<td>yes</td>" in text and ">0.5-3.0\u00a0s</td>" in text
     assert 'points="52.0,208.0 498.0,110.0 944.0,12.0"' in text and "data:image" not in text
-    assert "doubtful" not in text
+    assert "doubtful" not in text and "dashed: the learned reward comes to rest, and another subtask begins" in text
+    assert "dashed" not in page(tmp_path, Scored("a", SUMMARY | {"subtasks": []}, np.zeros(3), 8.0))
     assert text.index('id="recording-0"') > text.index("<tbody>")
 
 

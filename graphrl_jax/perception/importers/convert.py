@@ -157,7 +157,7 @@ def guess_format(path: Path) -> str:
     if path.is_file() and not found:
         found = list(by_ending)[:1]
     if not found:
-        raise ImportFailure(f"{path} holds nothing of a known format; known formats: {', '.join(FORMATS)}")
+        raise ImportFailure(_nothing_in(path))
     told = [name for name in found if name in _READY] or found
     if len(told) > 1:
         raise ImportFailure(f"{path} holds {' and '.join(told)}; --format says which to read")
@@ -165,6 +165,15 @@ def guess_format(path: Path) -> str:
     if unclear is not None:
         raise ImportFailure(f"{unclear} may be a frame or a mask; --format frames or --format masks says which")
     return told[0]
+
+
+def _nothing_in(path: Path) -> str:
+    """What is said of a source of no known format."""
+    if path.suffix == ".npz":
+        return f"{path} is a demonstration file; allowed: recordings, such as the videos that it was made of"
+    if path.is_dir() and not any(path.iterdir()):
+        return f"{path} is empty; allowed: a folder with recordings"
+    return f"{path} holds nothing of a known format; known formats: {', '.join(FORMATS)}"
 
 
 class Track(NamedTuple):
@@ -189,9 +198,7 @@ class Track(NamedTuple):
     source_rate: float | None
 
 
-def tracks_of(
-    source: Source, objects: ObjectTable, detector: Detector | None, frame_rate: float | None
-) -> Iterator[Track]:
+def tracks_of(source: Source, objects: ObjectTable, detector: Detector, frame_rate: float | None) -> Iterator[Track]:
     """Reads the recordings of a source, one at a time, resamples them, and finds their objects.
 
     Raises:
@@ -206,19 +213,18 @@ def tracks_of(
 
 
 def track_recording(
-    recording: Recording, objects: ObjectTable, detector: Detector | None
+    recording: Recording, objects: ObjectTable, detector: Detector
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Boxes (T, N, 4) and mask (T, N) of a recording, and notes on what tracking did to it.
 
     Boxes are the detector's if the recording has images, else its own detections.
 
     Raises:
-      ImportFailure: there are no frames, there are images but no detector, or no object was detected.
+      ImportFailure: there are no frames, or no object was detected.
+      ValueError: there are images, and the detector is a `NoDetector`.
     """
     detections = recording.detections or []
     if recording.frames is not None:
-        if detector is None:
-            raise ImportFailure(f"{recording.source}: images need a detector, and this task has none of its own")
         detections = [detector.detect(frame) for frame in recording.frames]
     if not detections:
         raise ImportFailure(f"{recording.source}: no frames")

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from graphrl_jax.perception.config import FORMATS, SIZED_FORMATS
-from graphrl_jax.perception.detector import Detection
+from graphrl_jax.perception.detector import Detection, NoDetector
 from graphrl_jax.perception.importers.convert import (
     ENDINGS,
     Source,
@@ -40,8 +40,16 @@ def test_formats_are_told_by_names(tmp_path):
         (tmp_path / name).touch()
         assert guess_format(tmp_path / name) == expected
     (tmp_path / "nothing").mkdir()
+    with pytest.raises(ImportFailure, match="nothing is empty"):
+        guess_format(tmp_path / "nothing")
+    (tmp_path / "nothing" / "notes.md").touch()
     with pytest.raises(ImportFailure, match="known formats"):
         guess_format(tmp_path / "nothing")
+
+
+def test_a_demonstration_file_is_no_recording(tmp_path, capsys):
+    (tmp_path / "demos.npz").touch()
+    assert "demos.npz is a demonstration file; allowed: recordings" in refused(capsys, tmp_path / "demos.npz")
 
 
 @pytest.mark.parametrize(
@@ -154,27 +162,30 @@ def test_a_recording_is_seen_by_a_detector_unless_it_has_detections(tmp_path):
 
     ready = Recording(tmp_path, detections=[seen(0.2), seen(0.3)])
     film = Recording(tmp_path, frames=np.stack([np.full((2, 2, 3), grey, np.uint8) for grey in (20, 30)]))
-    for recording, detector in ((ready, None), (film, Eye())):
+    none = NoDetector("nothing finds them")
+    for recording, detector in ((ready, none), (film, Eye())):
         boxes, mask, _ = track_recording(recording, OBJECTS, detector)
         np.testing.assert_allclose(boxes[:, 1, 0], [0.2, 0.3])
         np.testing.assert_array_equal(mask, [[False, True, False, False]] * 2)
     for recording, says in (
-        (film, "images need a detector, and this task has none of its own"),
         (Recording(tmp_path), "no frames"),
         (Recording(tmp_path, detections=[]), "no frames"),
         (Recording(tmp_path, detections=[[], []]), "none of the objects robot, block, region, absent was seen"),
     ):
         with pytest.raises(ImportFailure, match=says):
-            track_recording(recording, OBJECTS, None)
+            track_recording(recording, OBJECTS, none)
+    with pytest.raises(ValueError, match="^nothing finds them$"):
+        track_recording(film, OBJECTS, none)
 
 
 def test_notes_tell_what_tracking_did(tmp_path):
     def seen(*places: float) -> list[Detection]:
         return [Detection(1, np.array([x, 0.5, 0.1, 0.1], np.float32)) for x in places]
 
-    _, _, notes = track_recording(Recording(tmp_path, detections=[seen(0.2, 0.5, 0.9), [], seen(0.3)]), OBJECTS, None)
+    none = NoDetector("nothing finds them")
+    _, _, notes = track_recording(Recording(tmp_path, detections=[seen(0.2, 0.5, 0.9), [], seen(0.3)]), OBJECTS, none)
     assert notes == ("boxes bridged over gaps: 1", "boxes dropped for want of a slot: 1")
-    assert track_recording(Recording(tmp_path, detections=[seen(0.2)]), OBJECTS, None)[2] == ()
+    assert track_recording(Recording(tmp_path, detections=[seen(0.2)]), OBJECTS, none)[2] == ()
 
 
 def test_tracks_are_padded_to_the_longest():

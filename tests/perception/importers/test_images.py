@@ -73,9 +73,10 @@ def test_what_is_wrong_with_images_is_said(tmp_path, capsys):
     assert "is missing" in refused(capsys, tmp_path / "nowhere")
     assert "--frame-rate is 0.0; allowed: numbers above 0" in refused(capsys, folder, "--frame-rate", 0)
     (tmp_path / "empty").mkdir()
-    assert "holds nothing of a known format" in refused(capsys, tmp_path / "empty")
+    assert "empty is empty; allowed: a folder with recordings" in refused(capsys, tmp_path / "empty")
     assert "holds no demonstrations" in refused(capsys, tmp_path / "empty", "--format", "video")
     assert "unknown format 'avi'" in refused(capsys, folder, "--format", "avi")
     imageio.imwrite(folder / "1.png", FRAMES[1])
-    assert "images need a detector" in refused(capsys, folder, "--task", "shoes_in_box")
+    message = refused(capsys, folder, "--task", "shoes_in_box")
+    assert "task shoes_in_box has no detector for its objects" in message and "allowed: --weights MODEL" in message
     gc.collect()  # while its warnings are ignored
