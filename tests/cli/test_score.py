@@ -24,9 +24,9 @@ MODEL = "checkpoints/match_regions_graph"
 def recordings(tmp_path_factory):
     """A whole demonstration and its first half, at twice the frame rate of the task."""
     folder = tmp_path_factory.mktemp("recordings")
-    demos = make_task("match_regions").demonstrate(jax.random.key(3), 1, image_size=128)
-    frames = np.repeat(np.asarray(demos.images(128))[0, : demos.lengths[0]], 2, axis=0)
-    write_video(frames[: len(frames) // 2], folder / "half.mp4", 16.0)
+    demos = make_task("match_regions").demonstrate(jax.random.key(3), 1, image_size=256)
+    frames = np.repeat(np.asarray(demos.images(256))[0, : demos.lengths[0]], 2, axis=0)
+    write_video(frames[: len(frames) // 4 * 2], folder / "half.mp4", 16.0)
     write_video(frames, folder / "whole.mp4", 16.0)
     return folder
 
