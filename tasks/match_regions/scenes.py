@@ -4,7 +4,7 @@ Variants that change blocks use the same blocks here, so that audits of all vari
 """
 
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -20,29 +20,59 @@ RESOLUTION = 25
 NUM_RANDOM, NUM_PAIRS = 512, 256
 # Depth of a target inside the region's edge: just outside and some way inside.
 _BESIDE, _WITHIN = -0.03, 0.1
+_AXIS = np.linspace(-0.88, 0.88, RESOLUTION, dtype=np.float32)
+_PLACES = np.stack(np.meshgrid(_AXIS, _AXIS), -1)
+# Of every grid, the target that is moved, and whether the other one is placed.
+_GRIDS = [(target, placed) for target in range(NUM_TARGETS) for placed in (False, True)]
+_EDGE = ("within", "beside")
 # Positions of placed targets, as shares of the region's sides.
 _PLACED = np.array([[0.75, 0.29], [0.25, 0.79]], np.float32)
 
 
+class _Drawn(NamedTuple):
+    """Starts (K, ...) with their boxes (K, N, 4) and physics states."""
+
+    start: Start
+    boxes: Any
+    states: Any
+
+    def scenes(self, active: np.ndarray) -> Scenes:
+        """Scenes of an audit with these slots active."""
+        return Scenes(self.boxes, active, self.states)
+
+
 def landscape(task: MatchRegionsEnv, key: jax.Array) -> Landscape:
     """Grids of either target (the other at its start or placed), random layouts, and pairs of layouts."""
+    demo, mask, drawn, grids, random_distance = jax.tree.map(np.asarray, _draw(task, key))
+    moved_at_edge = _moved(task) | _slots(task, drawn["within"].start.moved)
+    return Landscape(
+        objects=task.objects,
+        mask=mask,
+        grids=tuple(_grid(task, demo, grid, *which) for which, grid in zip(_GRIDS, grids, strict=True)),
+        random_distance=random_distance,
+        **{name: found.scenes(moved_at_edge if name in _EDGE else _moved(task)) for name, found in drawn.items()},
+    )
+
+
+@partial(jax.jit, static_argnums=0)
+def _draw(task: MatchRegionsEnv, key: jax.Array) -> Any:
+    """All that is random or computed, in one program: the demonstrated start and its mask, starts by the names of
+    `Landscape`'s fields, those of every grid of `_GRIDS`, and the distances of the random ones.
+    """
     demo_key, random_key, pair_key, edge_key = jax.random.split(key, 4)
     demo = _sample(task, demo_key)
     random = jax.vmap(partial(_scattered, task))(jax.random.split(random_key, NUM_RANDOM))
-    finished, unfinished = jax.jit(jax.vmap(partial(_pair, task)))(jax.random.split(pair_key, NUM_PAIRS))
-    within, beside = jax.jit(jax.vmap(partial(_edge_pair, task)))(jax.random.split(edge_key, NUM_PAIRS))
-    moved_at_edge = _moved(task) | _slots(task, np.asarray(within.moved))
-    return Landscape(
-        objects=task.objects,
-        mask=np.asarray(task.scene_boxes(demo.qpos, demo.world)[1]),
-        grids=tuple(_grid(task, demo, target, placed) for target in range(NUM_TARGETS) for placed in (False, True)),
-        random=_seen(task, random, _moved(task)),
-        random_distance=np.asarray(jax.vmap(_distance)(random)),
-        finished=_seen(task, finished, _moved(task)),
-        unfinished=_seen(task, unfinished, _moved(task)),
-        within=_seen(task, within, moved_at_edge),
-        beside=_seen(task, beside, moved_at_edge),
-    )
+    finished, unfinished = jax.vmap(partial(_pair, task))(jax.random.split(pair_key, NUM_PAIRS))
+    within, beside = jax.vmap(partial(_edge_pair, task))(jax.random.split(edge_key, NUM_PAIRS))
+    starts = {"random": random, "finished": finished, "unfinished": unfinished, "within": within, "beside": beside}
+
+    def look(start: Start) -> _Drawn:
+        boxes, _ = jax.vmap(task.scene_boxes)(start.qpos, start.world)
+        return _Drawn(start, boxes, jax.vmap(at_rest)(start.qpos, start.world))
+
+    grids = [look(_over_arena(demo, *which)) for which in _GRIDS]
+    mask = task.scene_boxes(demo.qpos, demo.world)[1]
+    return demo, mask, {name: look(start) for name, start in starts.items()}, grids, jax.vmap(_distance)(random)
 
 
 def _sample(task: MatchRegionsEnv, key: jax.Array) -> Start:
@@ -66,13 +96,6 @@ def _moved(task: MatchRegionsEnv) -> np.ndarray:
 def _slots(task: MatchRegionsEnv, flags: np.ndarray) -> np.ndarray:
     """Flags (K, M) of blocks as flags of node slots: (K, N)."""
     return np.pad(flags, ((0, 0), (2, task.objects.num_slots - 2 - flags.shape[1])))
-
-
-def _seen(task: MatchRegionsEnv, starts: Start, active: np.ndarray) -> Scenes:
-    """Starts (K, ...) as scenes of an audit."""
-    look = jax.jit(jax.vmap(task.scene_boxes))
-    states = jax.vmap(at_rest)(starts.qpos, starts.world)
-    return Scenes(np.asarray(look(starts.qpos, starts.world)[0]), active, states)
 
 
 def _move(qpos: jax.Array, block: int | jax.Array, place: jax.Array) -> jax.Array:
@@ -99,20 +122,21 @@ def _distance(start: Start) -> jax.Array:
     return jnp.sum(way * ~geometry.inside_region(region, targets))
 
 
-def _grid(task: MatchRegionsEnv, demo: Start, target: int, other_placed: bool) -> Grid:
-    """The start `demo` with `target` moved over the arena and the other target at its start or placed."""
-    other, region = 1 - target, demo.world.region
-    qpos = demo.qpos
+def _over_arena(demo: Start, target: int, other_placed: bool) -> Start:
+    """The start `demo` with `target` moved over the arena, and the other target at its start or placed: (Y X, ...)."""
+    other, qpos = 1 - target, demo.qpos
     if other_placed:
         qpos = _move(qpos, other, _within(demo.world, _PLACED[other]))
-    axis = np.linspace(-0.88, 0.88, RESOLUTION, dtype=np.float32)
-    places = np.stack(np.meshgrid(axis, axis), -1)
-    moved = jax.vmap(partial(_move, qpos, target))(jnp.asarray(places.reshape(-1, 2)))
-    starts = jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (len(moved), *leaf.shape)), demo)._replace(qpos=moved)
+    moved = jax.vmap(partial(_move, qpos, target))(jnp.asarray(_PLACES.reshape(-1, 2)))
+    return jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (len(moved), *leaf.shape)), demo)._replace(qpos=moved)
+
+
+def _grid(task: MatchRegionsEnv, demo: Start, drawn: _Drawn, target: int, other_placed: bool) -> Grid:
+    """The grid of `_over_arena`."""
+    other, region = 1 - target, demo.world.region
     active = _moved(task)
     if not other_placed:
         active[2 + other] = False
-    seen = _seen(task, starts, active)
 
     def as_grid(leaf: Any) -> Any:
         return leaf.reshape(RESOLUTION, RESOLUTION, *leaf.shape[1:])
@@ -121,10 +145,10 @@ def _grid(task: MatchRegionsEnv, demo: Start, target: int, other_placed: bool) -
     names = task.objects.names[2:4]
     return Grid(
         name=f"{names[target]} moved, {names[other]} {'placed' if other_placed else 'at its start'}",
-        scenes=Scenes(as_grid(seen.boxes), active, jax.tree.map(as_grid, seen.states)),
-        x=axis,
-        y=axis,
-        inside=np.asarray(geometry.inside_region(region, jnp.asarray(places))),
+        scenes=jax.tree.map(as_grid, drawn).scenes(active),
+        x=_AXIS,
+        y=_AXIS,
+        inside=np.asarray(geometry.inside_region(region, jnp.asarray(_PLACES))),
         goal_outline=np.array([[west, south], [east, south], [east, north], [west, north]]),
         start=np.asarray(demo.homes[target]),
     )
