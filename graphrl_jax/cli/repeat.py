@@ -5,7 +5,7 @@ from typing import Any
 
 from graphrl_jax import demonstrations
 from graphrl_jax.cli.options import option
-from graphrl_jax.cli.requests import RESOLVED
+from graphrl_jax.cli.requests import RESOLVED, STOP_AT
 from graphrl_jax.experiment.methods import ABLATIONS
 from graphrl_jax.experiment.recorded import task_of
 from graphrl_jax.experiment.settings import Settings, compose
@@ -44,7 +44,7 @@ def _own(settings: Settings, command: str) -> dict[str, Any]:
       ValueError: there are none.
     """
     task = make_task(settings.task) if command == "train" else _of_demonstrations(settings)
-    named = {name: getattr(settings, name) for name in _COMMON[1:]}
+    named = {name: getattr(settings, name) for name in (*_COMMON[1:], "stop_at")}
     ablations = _ablations(settings)
     usual = compose(task, **named, ablations=ablations, updates=settings.updates)
     groups = {group: _changed(settings, usual, group) for group in ("pretrain", "ppo")}
@@ -53,6 +53,8 @@ def _own(settings: Settings, command: str) -> dict[str, Any]:
     own: dict[str, Any] = {"ablate": ablations}
     if compose(task, **named, ablations=ablations).updates != settings.updates:
         own["updates"] = settings.updates
+    if command == "train" and settings.stop_at != STOP_AT:
+        own["stop_at"] = settings.stop_at
     return own | {f"{group}.{name}": value for group, values in groups.items() for name, value in values.items()}
 
 

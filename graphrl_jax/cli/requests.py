@@ -25,6 +25,8 @@ TrackerName = Annotated[str | None, optional(f"{{{','.join(TRACKERS)}}}", "nothi
 Ablations = Annotated[tuple[str, ...], tyro.conf.arg(metavar=f"[{{{','.join(ABLATIONS)}}} ...]")]
 Updates = Annotated[int | None, optional("INT", "the preset's")]
 
+STOP_AT = 0.99
+"""Share of unseen episodes at which `graphrl train` ends by default."""
 RESOLVED = ("encoder", "activity", "nodes")
 """Fields of configs that follow from method, ablations and task, and are no options."""
 FOLLOWING = {
@@ -73,6 +75,7 @@ class Train:
       ablate: parts of the method to leave out.
       updates: policy updates.
       engine: physics engine of the task.
+      stop_at: end the training once the policy solves this share of unseen episodes twice in a row; 0 for never.
       out: folder of the run.
       resume: continue the run in --out from its last checkpoint, with its own settings.
       track: experiment tracker that gets the run's metrics, figures and video; with --resume also those of before.
@@ -91,6 +94,7 @@ class Train:
     ablate: Ablations = ()
     updates: Updates = None
     engine: EngineName = None
+    stop_at: Annotated[float | None, optional("FLOAT", f"{STOP_AT}")] = None
     out: Annotated[Path | None, optional("PATH", "runs/TASK_REWARD_SEED")] = None
     resume: bool = False
     track: TrackerName = None

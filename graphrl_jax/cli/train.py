@@ -6,7 +6,7 @@ from typing import Any
 
 from graphrl_jax import runtime
 from graphrl_jax.cli.options import asked_for, refuse_other, refuse_useless
-from graphrl_jax.cli.requests import Train
+from graphrl_jax.cli.requests import STOP_AT, Train
 from graphrl_jax.experiment import experiment, sharding
 from graphrl_jax.experiment.experiment import Extent, Member
 from graphrl_jax.experiment.run_directory import Run
@@ -74,6 +74,7 @@ def _started(request: Train) -> Member:
         request.engine,
         asked_for(request.pretrain),
         asked_for(request.ppo),
+        STOP_AT if request.stop_at is None else request.stop_at,
     )
     experiment.refuse_impossible(task, settings)
     out = request.out or Path("runs") / f"{settings.task}_{settings.reward}_{settings.seed}"
@@ -85,7 +86,8 @@ def _resumed(request: Train) -> Member:
         raise ValueError("--resume needs --out: the folder of the run to continue")
     run = Run(request.out)
     settings = run.settings()
-    own = {name: getattr(settings, name) for name in ("task", "reward", "preset", "demos", "seed", "updates", "engine")}
+    names = ("task", "reward", "preset", "demos", "seed", "updates", "engine", "stop_at")
+    own = {name: getattr(settings, name) for name in names}
     own["pretrain"] = vars(settings.pretrain) | vars(settings.pretrain_config)
     own["ppo"] = vars(settings.ppo) | vars(settings.ppo_config)
     refuse_other(request, own, run.path)

@@ -19,6 +19,8 @@ from graphrl_jax.viz.video import write_video
 
 SEED_OFFSET = 1000
 """Difference between the seed of a run and the seed of its final evaluation."""
+CHECK_OFFSET = 2000
+"""The same of evaluations during the training, which may end it."""
 
 
 def evaluate_policy(trained: TrainedRun, episodes: int, seed: int) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from graphrl_jax.experiment import sharding
 from graphrl_jax.experiment.audit import audit_reward
 from graphrl_jax.experiment.checkpoints import TrainedRun, load_reward_params
 from graphrl_jax.experiment.environments import refuse_undrawn
-from graphrl_jax.experiment.evaluation import SEED_OFFSET, evaluate_policy, show_policy
+from graphrl_jax.experiment.evaluation import CHECK_OFFSET, SEED_OFFSET, evaluate_policy, show_policy
 from graphrl_jax.experiment.keys import RunStage, stage_key
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import Settings
@@ -245,7 +245,12 @@ def _policies(
     """Trains and evaluates all policies; returns the outcomes per member."""
     rewards = [load_reward_params(member.run, member.settings, task) for member in members]
     jobs = [PolicyJob(m.run, m.settings, reward) for m, reward in zip(members, rewards, strict=True)]
-    trained = train_policies(jobs, task, progress, folder)
+
+    def solved(job: PolicyJob, policy: Any) -> float:
+        found = TrainedRun(task, job.settings, job.reward_params, policy)
+        return evaluate_policy(found, job.settings.episodes, job.settings.seed + CHECK_OFFSET)["success_rate"]
+
+    trained = train_policies(jobs, task, progress, folder, solved)
     progress.note("evaluating")
     outcomes = []
     for job, (policy, metrics) in zip(jobs, trained, strict=True):

@@ -29,6 +29,8 @@ class Settings:
       updates: PPO updates.
       updates_per_chunk: updates per compiled call; checkpoints and log lines are written once per chunk.
       episodes: episodes of the final evaluation.
+      stop_at: the training of a single policy ends early once it solves this share of as many unseen episodes, others
+        than the final ones, twice in a row; 0 for never.
       engine: physics engine of the task, or None for the fastest on the device.
       pretrain_config: sizes of pretraining.
       pretrain: floats of pretraining.
@@ -48,6 +50,7 @@ class Settings:
     updates: int
     updates_per_chunk: int
     episodes: int
+    stop_at: float
     engine: str | None
     pretrain_config: PretrainConfig
     pretrain: PretrainHyper
@@ -60,6 +63,8 @@ class Settings:
         for name in ("demonstrations", "updates", "updates_per_chunk", "episodes"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} is {getattr(self, name)}; allowed: 1 or more")
+        if not 0 <= self.stop_at <= 1:
+            raise ValueError(f"stop_at is {self.stop_at}; allowed: 0 to 1")
         for group in ("pretrain", "ppo"):
             for name, value in asdict(getattr(self, group)).items():
                 refuse_outside(f"{group}.{name}", value)
@@ -86,6 +91,7 @@ def compose(
     engine: str | None = None,
     pretrain: Mapping[str, Any] | None = None,
     ppo: Mapping[str, Any] | None = None,
+    stop_at: float = 0.0,
 ) -> Settings:
     """Settings of a run. Requested values override those of the method, then of the task, then of the preset.
 
@@ -100,6 +106,7 @@ def compose(
       engine: physics engine that was asked for.
       pretrain: requested values of `PretrainHyper` and `PretrainConfig` fields.
       ppo: requested values of `PPOHyper` and `PPOConfig` fields.
+      stop_at: see `Settings`.
 
     Raises:
       ValueError: an unknown name, a value that is not allowed, or a request that does not affect this reward.
@@ -128,6 +135,7 @@ def compose(
         updates=updates,
         updates_per_chunk=sizes.updates_per_chunk,
         episodes=sizes.episodes,
+        stop_at=stop_at,
         engine=engine,
         pretrain_config=replace(_pretrain_config(sizes, method, ablations), **config_fields),
         pretrain=hyper,

@@ -1,7 +1,7 @@
 """Training of policies by PPO in compiled chunks with checkpoints, for one run or a sweep's members side by side."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -36,6 +36,8 @@ from graphrl_jax.viz import plots
 
 _MOST_BAD = {"bad_envs": 0.01, "skipped_steps": 0.1}
 """Shares of control steps and of gradient steps that may fail before a training is stopped."""
+_OFTEN, _IN_A_ROW = 0.5, 2
+"""Share of solved training episodes from which a policy is evaluated, and evaluations in a row that end a training."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +49,10 @@ class PolicyJob:
     reward_params: Any
 
 
+Evaluate = Callable[[PolicyJob, Any], float]
+"""From a job and its policy's parameters to the share of unseen episodes that the policy solves."""
+
+
 class _Inputs(NamedTuple):
     """Inputs of the training programs of one policy."""
 
@@ -56,7 +62,11 @@ class _Inputs(NamedTuple):
 
 
 def train_policies(
-    jobs: Sequence[PolicyJob], task: Task, progress: Progress, folder: Path | None = None
+    jobs: Sequence[PolicyJob],
+    task: Task,
+    progress: Progress,
+    folder: Path | None = None,
+    evaluate: Evaluate | None = None,
 ) -> list[tuple[Any, dict[str, Any]]]:
     """Trains a policy for every job by PPO; continues from checkpoints if there are any.
 
@@ -65,6 +75,7 @@ def train_policies(
       task: task of all jobs.
       progress: progress display.
       folder: folder for checkpoints of several jobs; if None, the checkpoint is in the job's own folder.
+      evaluate: see `Evaluate`; by it a single training may end early, as its settings say. If None, none does.
 
     Returns:
       Per job the policy's parameters, and metrics: env_steps, train_steps_per_s.
@@ -78,7 +89,7 @@ def train_policies(
     trained: dict[int, tuple[Any, dict[str, Any]]] = {}
     for number, group in enumerate(groups):
         checkpoint = jobs[0].run.path / "train_state.npz" if folder is None else folder / f"policies_{number}.npz"
-        training = _Group(jobs, group, programs, checkpoint, progress)
+        training = _Group(jobs, group, programs, checkpoint, progress, evaluate)
         metrics = training.train()
         trained |= {i: (policy, metrics) for i, policy in training.policies.items()}
     for job in jobs:
@@ -166,12 +177,19 @@ class _Group:
     """
 
     def __init__(
-        self, jobs: Sequence[PolicyJob], group: Sequence[int], programs: _Programs, checkpoint: Path, progress: Progress
+        self,
+        jobs: Sequence[PolicyJob],
+        group: Sequence[int],
+        programs: _Programs,
+        checkpoint: Path,
+        progress: Progress,
+        evaluate: Evaluate | None,
     ):
         self.jobs, self.group, self.programs = jobs, group, programs
-        self.checkpoint, self.progress = checkpoint, progress
+        self.checkpoint, self.progress, self.evaluate = checkpoint, progress, evaluate
         self.policies: dict[int, Any] = {}
         self.size = len(group)
+        self.stop_at = jobs[0].settings.stop_at if evaluate and len(jobs) == 1 else 0.0
 
     def train(self) -> dict[str, Any]:
         """Trains from the checkpoint to the end; returns env_steps, and the rate without the warm-up chunk."""
@@ -179,7 +197,7 @@ class _Group:
         inputs, state, done = self._start()
         self.progress.advance(done)
         seconds, timed, since = 0.0, 0, done
-        while done < updates:
+        while done < updates and not self._solved():
             count = min(chunk, updates - done)
             program = self.programs.update(count, self.size)
             started = time.perf_counter()
@@ -192,6 +210,7 @@ class _Group:
             self._log(records, done, count, self.size * count * config.steps_per_update / elapsed)
             self._refuse_divergence(records, done)
             self._save(sharding.to_host(state))
+            self._judge(records, done)
         rate = self.size * timed * config.steps_per_update / seconds if seconds else None
         return {"env_steps": done * config.steps_per_update, "train_steps_per_s": rate}
 
@@ -208,8 +227,22 @@ class _Group:
             # The run may have been interrupted after the checkpoint and before the policies were written.
             self._save_policies(kept)
         for i in set(self.group):
-            self.jobs[i].run.forget_after("ppo", "update", done)
+            for stage in ("ppo", "evaluation"):
+                self.jobs[i].run.forget_after(stage, "update", done)
         return inputs, state, done
+
+    def _judge(self, records: list[dict[str, np.ndarray]], done: int) -> None:
+        """Evaluates the policy of a single training that may end early, once its own episodes are often solved."""
+        if self.evaluate and self.stop_at and records[0].get("success", 0.0) >= _OFTEN:
+            share = self.evaluate(self.jobs[0], self.policies[0])
+            self.jobs[0].run.log({"stage": "evaluation", "update": done, "success_rate": share})
+
+    def _solved(self) -> bool:
+        """Whether the last evaluations of a single training end it."""
+        if not self.stop_at:
+            return False
+        last = self.jobs[0].run.records("evaluation")[-_IN_A_ROW:]
+        return len(last) == _IN_A_ROW and all(one["success_rate"] >= self.stop_at for one in last)
 
     def _kept(self, like: TrainState) -> TrainState | None:
         """The state of the checkpoint, if there is one."""

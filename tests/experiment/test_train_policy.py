@@ -102,3 +102,38 @@ def test_a_training_that_diverges_stops_and_keeps_its_last_checkpoint(trained, m
         train_policies([job], task, Progress())
     assert ((job.run.path / "train_state.npz").read_bytes(), (job.run.path / "policy.npz").read_bytes()) == before
     assert [line["update"] for line in job.run.records("ppo")] == [2, 4]
+
+
+@pytest.fixture
+def solving(tmp_path, monkeypatch):
+    """The share of its own episodes that a training solves, in a list; the training, of six chunks; and its job."""
+    share, average = [0.7], ppo.average_metrics
+
+    def averages(metrics: ppo.Metrics) -> dict[str, np.ndarray]:
+        return {**average(metrics), "success": np.asarray(share[0]), "score": np.asarray(share[0])}
+
+    monkeypatch.setattr(ppo, "average_metrics", averages)
+    task = make_task("carry")
+    settings = replace(compose(task, "env", "smoke", updates=6, stop_at=0.9, ppo={"num_envs": 8}), updates_per_chunk=1)
+    return share, task, PolicyJob(Run.start(tmp_path / "run", settings), settings, PoolingParams())
+
+
+def test_a_training_ends_once_the_policy_solves_enough_twice_in_a_row(solving):
+    _, task, job = solving
+    found = iter([0.95, 0.5, 0.9, 1.0])
+    ((_, metrics),) = train_policies([job], task, Progress(), evaluate=lambda *_: next(found))
+    assert [line["success_rate"] for line in job.run.records("evaluation")] == [0.95, 0.5, 0.9, 1.0]
+    assert job.run.records("ppo")[-1]["update"] == 4
+    assert metrics["env_steps"] == 4 * job.settings.ppo_config.steps_per_update
+    # A run that was interrupted afterwards has ended as well.
+    ((_, again),) = train_policies([job], task, Progress(), evaluate=lambda *_: pytest.fail("it is over"))
+    assert again["env_steps"] == metrics["env_steps"]
+
+
+@pytest.mark.parametrize(("share", "stop_at"), [(0.4, 0.9), (0.7, 0.0)])
+def test_a_training_that_solves_little_or_has_no_end_is_not_evaluated(solving, share, stop_at):
+    shares, task, job = solving
+    shares[0] = share
+    job = replace(job, settings=replace(job.settings, stop_at=stop_at))
+    train_policies([job], task, Progress(), evaluate=lambda *_: pytest.fail("nobody asked"))
+    assert job.run.records("ppo")[-1]["update"] == 6
