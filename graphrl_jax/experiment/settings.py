@@ -117,9 +117,7 @@ def compose(
     floats, config_fields = _shared_out("pretrain", pretrain, PretrainHyper, PretrainConfig)
     ppo_floats, ppo_fields = _shared_out("ppo", ppo, PPOHyper, PPOConfig)
     task_floats, task_fields = _shared_out("ppo", size.ppo, PPOHyper, PPOConfig)
-    asked = floats if method.encoder else floats | config_fields
-    for name in [name for name in asked if name not in method.floats]:
-        raise ValueError(f"pretrain.{name} changes nothing about reward {reward}; allowed: {', '.join(method.floats)}")
+    _refuse_useless(reward, method, floats if method.encoder else floats | config_fields)
     hyper = _pretrain_floats(task, reward, ablations, floats)
     refuse_switched_off(hyper, pretrain or {})
     episode = {"episode_length": task.episode_length, "decision_steps": task.decision_steps}
@@ -142,6 +140,14 @@ def compose(
         ppo_config=ppo_config,
         ppo=PPOHyper(**{"decay_updates": float(updates)} | task_floats | ppo_floats),
     )
+
+
+def _refuse_useless(reward: str, method: Method, asked: Mapping[str, Any]) -> None:
+    """Refuses fields of pretraining that are asked for and change nothing about the reward."""
+    for name in asked:
+        if name not in method.floats:
+            allowed = ", ".join(method.floats)
+            raise ValueError(f"pretrain.{name} changes nothing about reward {reward}; allowed: {allowed}")
 
 
 def _with_nodes(task: Task, asked: Mapping[str, Any]) -> dict[str, Any]:
