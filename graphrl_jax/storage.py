@@ -27,7 +27,11 @@ class StorageError(ValueError):
 
 
 def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
-    """Calls `write` on a temporary file next to `path`, then renames it. Missing folders are created."""
+    """Calls `write` on a temporary file next to `path`, then renames it. Missing folders are created.
+
+    Raises:
+      OSError: the file cannot be written; the error names `path`, not the temporary file.
+    """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{os.getpid()}.tmp{path.suffix}")
     try:
@@ -35,6 +39,10 @@ def write_atomically(path: Path, write: Callable[[Path], None]) -> None:
         _to_disk(temporary)
         os.replace(temporary, path)
         _to_disk(path.parent)
+    except OSError as error:
+        if error.filename is not None and Path(error.filename) == temporary:
+            error.filename = str(path)
+        raise
     finally:
         temporary.unlink(missing_ok=True)
 

@@ -174,6 +174,15 @@ def test_a_failing_write_leaves_the_old_file_and_no_temporary_one(tmp_path):
     assert path.read_text() == "old" and list(path.parent.iterdir()) == [path]
 
 
+def test_a_file_that_may_not_be_written_is_named_itself(tmp_path):
+    def refused(temporary: Path) -> None:
+        raise PermissionError(13, "Permission denied", str(temporary))
+
+    with pytest.raises(PermissionError) as error:
+        write_atomically(tmp_path / "out.npz", refused)
+    assert str(error.value) == f"[Errno 13] Permission denied: '{tmp_path / 'out.npz'}'"
+
+
 def test_arrays_are_written_at_exactly_the_path(tmp_path):
     write_arrays(tmp_path / "arrays", {"a": np.arange(3)})
     assert list(tmp_path.iterdir()) == [tmp_path / "arrays"]
