@@ -343,11 +343,19 @@ def compared(scores: Path, true_scores: Path) -> dict[str, Any]:
 
 
 def _scored(folder: Path) -> dict[str, dict[str, Any]]:
-    """The rows of `scores.json` by name of the recording, with the `reward` of every frame."""
+    """The rows of `scores.json` by name of the recording, with the `reward` of every frame of the model's rate.
+
+    The table has a row for every frame of the recording itself, and videos have more of them than labels.
+    """
     table = parquet.read_table(folder / "progress.parquet", columns=["episode_index", "reward"])
     episodes, rewards = (table[name].to_numpy() for name in table.column_names)
     rows = read_json(folder / "scores.json")["recordings"]
-    return {Path(row["recording"]).stem: {**row, "reward": rewards[episodes == row["episode_index"]]} for row in rows}
+
+    def at_models_rate(row: dict[str, Any]) -> np.ndarray:
+        own = rewards[episodes == row["episode_index"]]
+        return own[:: len(own) // row["frames"]]
+
+    return {Path(row["recording"]).stem: {**row, "reward": at_models_rate(row)} for row in rows}
 
 
 def speed(detector: Detector, images: Sequence[np.ndarray]) -> dict[str, float]:

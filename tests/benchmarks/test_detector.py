@@ -116,13 +116,18 @@ def test_tracked_boxes_are_compared_up_to_the_end_of_each_recording():
 
 
 def test_rewards_are_compared_frame_by_frame(tmp_path):
-    def write(folder, rewards, ends):
-        columns = {"episode_index": np.repeat([0, 1], 3), "reward": np.array(rewards, np.float32)}
+    def write(folder, rewards, ends, times=1):
+        """A recording's own frames are `times` as many as those of the model's rate."""
+        columns = {
+            "episode_index": np.repeat([0, 1], 3 * times),
+            "reward": np.repeat(np.array(rewards, np.float32), times),
+        }
         write_table(folder / "progress.parquet", pa.table(columns))
         rows = [
             {
                 "recording": f"in/{name}.mp4",
                 "episode_index": number,
+                "frames": 3,
                 "final_progress": end,
                 "looks_like_success": end > 0.5,
             }
@@ -130,7 +135,7 @@ def test_rewards_are_compared_frame_by_frame(tmp_path):
         ]
         write_json(folder / "scores.json", {"recordings": rows[::-1]})
 
-    write(tmp_path / "ours", [-1, -0.5, 0, -1, -1.25, -0.75], {"both": 0.9, "cup": 0.6})
+    write(tmp_path / "ours", [-1, -0.5, 0, -1, -1.25, -0.75], {"both": 0.9, "cup": 0.6}, times=2)
     write(tmp_path / "true", [-1, -0.5, -0.25, -1, -1, -0.5], {"both": 0.75, "cup": 0.5})
     found = detector.compared(tmp_path / "ours", tmp_path / "true")
     assert found["reward_difference"] == pytest.approx({"mean": 0.75 / 6, "most": 0.25})
