@@ -36,17 +36,21 @@ def learning_curves(runs: Sequence[Path], labels: Mapping[str, str], path: Path)
 
 
 def draw_curves(records: Mapping[str, Sequence[Mapping[str, float]]], labels: Mapping[str, str], path: Path) -> None:
-    """As `learning_curves`, of log lines by the name of their run."""
+    """As `learning_curves`, of log lines by the name of their run, METHOD_SEED; a colour per method."""
+    methods = list(dict.fromkeys(run.rpartition("_")[0] for run in records))
     shown = [name for name in labels if all(name in lines[-1] for lines in records.values())]
-    figure = Figure(figsize=(4 * len(shown), 3.4), dpi=120, layout="constrained")
+    figure = Figure(figsize=(4 * len(shown) + 1.6, 3.4), dpi=120, layout="constrained")
     for axes, name in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
         for run, lines in records.items():
-            axes.plot([line["env_steps"] / 1e6 for line in lines], [line[name] for line in lines], label=run)
+            method = run.rpartition("_")[0]
+            steps, values = [line["env_steps"] / 1e6 for line in lines], [line[name] for line in lines]
+            axes.plot(steps, values, color=f"C{methods.index(method)}", label=method)
         axes.set(xlabel="environment steps (millions)", ylabel=labels[name])
         if name in ("success", "score"):
             axes.set_ylim(-0.02, 1.02)
         plain(axes)
-    figure.axes[0].legend(frameon=False, fontsize=8)
+    named = dict(zip(*reversed(figure.axes[0].get_legend_handles_labels()), strict=True))
+    figure.legend(named.values(), named, loc="outside right upper", frameon=False, fontsize=8)
     save(figure, path)
 
 
