@@ -353,7 +353,7 @@ def _scored(folder: Path) -> dict[str, dict[str, Any]]:
 
     def at_models_rate(row: dict[str, Any]) -> np.ndarray:
         own = rewards[episodes == row["episode_index"]]
-        return own[:: len(own) // row["frames"]]
+        return own[:: round(len(own) / row["frames"])]
 
     return {Path(row["recording"]).stem: {**row, "reward": at_models_rate(row)} for row in rows}
 
