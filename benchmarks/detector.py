@@ -322,8 +322,10 @@ def tracked(demos: Demonstrations, truth: Sequence[np.ndarray]) -> dict[str, dic
 def compared(scores: Path, true_scores: Path) -> dict[str, Any]:
     """Rewards of detected boxes beside those of true boxes."""
     ours, true = _scored(scores), _scored(true_scores)
-    apart = np.concatenate([np.abs(ours[name]["reward"] - true[name]["reward"]) for name in true])
-    order = {name: float(spearmanr(ours[name]["reward"], true[name]["reward"]).statistic) for name in true}
+    lengths = {name: min(len(one[name]["reward"]) for one in (ours, true)) for name in true}  # a video may lack a frame
+    rewards = {name: [one[name]["reward"][:length] for one in (ours, true)] for name, length in lengths.items()}
+    apart = np.concatenate([np.abs(mine - theirs) for mine, theirs in rewards.values()])
+    order = {name: float(spearmanr(*both).statistic) for name, both in rewards.items()}
     ends = [[one[name]["final_progress"] for name in true] for one in (ours, true)]
 
     def told(row: dict[str, Any]) -> dict[str, Any]:
