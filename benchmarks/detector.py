@@ -72,8 +72,8 @@ class Options:
     architecture: str = "yolov8n.yaml"
     images: int = 1200
     unseen: int = 100
-    epochs: int = 4
-    image_size: int = 192
+    epochs: int = 12
+    image_size: int = 256
     demonstrations: int = 10
     seed: int = 0
 
