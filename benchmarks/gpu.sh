@@ -3,7 +3,7 @@
 #
 #     pip install -e ".[gpu]" && benchmarks/gpu.sh [PART ...]
 #
-#     train        a policy on Match Regions by one command, from an empty compilation cache: runs/gpu/match_regions
+#     train        a policy on Match Regions by one command: runs/gpu/match_regions
 #     rewards      the released models' rewards, beside those on a CPU
 #     throughput   physics and whole PPO of Match Regions
 #     shoes        the same of Shoes in Box, with MJX and, if the package warp-lang is there, with MuJoCo Warp

@@ -22,6 +22,7 @@ from graphrl_jax.encoder.layers import Perceptron, init_perceptron, init_weight,
 from graphrl_jax.rl.config import PPOConfig
 
 _HIDDEN, _QUERIES = 64, 4
+_NEVER = -1e9
 POOLED = _QUERIES * _HIDDEN
 """Size of what the queries find."""
 
@@ -75,11 +76,9 @@ def pool(params: SetParams, nodes: jax.Array) -> jax.Array:
     """What the queries find in nodes (..., M, F): (..., POOLED); 0 if no object is there."""
     hidden = jax.nn.relu(perceptron(params.nodes, nodes))
     there = nodes[..., :1] > 0
-    scores = jnp.where(there, hidden @ params.queries / _HIDDEN**0.5, -jnp.inf)
-    # A softmax over no object would be NaN.
-    largest = jnp.max(jnp.where(there, scores, -1e9), axis=-2, keepdims=True)
-    weights = jnp.where(there, jnp.exp(scores - largest), 0.0)
-    weights = weights / jnp.maximum(weights.sum(axis=-2, keepdims=True), 1e-6)
+    # Not minus infinity: a softmax over no object would be NaN.
+    scores = jnp.where(there, hidden @ params.queries / _HIDDEN**0.5, _NEVER)
+    weights = jax.nn.softmax(scores, axis=-2) * there
     found = jnp.einsum("...mq,...mh->...qh", weights, hidden)
     return found.reshape(*found.shape[:-2], POOLED)
 

@@ -77,7 +77,7 @@ def carry(ahead: jax.Array, way: jax.Array, length: jax.Array) -> jax.Array:
     across it: the robot need not line up first.
     """
     wanted = unit(way) * jnp.clip(8 * length, 0.3, 1.0)
-    along, across = wanted @ ahead, ahead[0] * wanted[1] - ahead[1] * wanted[0]
+    along, across = ahead @ wanted, _cross(ahead, wanted)
     speed = along * jnp.where(along > 0, 1.0, FORWARD_SPEED / BACKWARD_SPEED)
     command = jnp.stack([speed, across * FORWARD_SPEED / (_HOLD * TURN_RATE)])
     return command / jnp.maximum(jnp.max(jnp.abs(command)), 1.0)
@@ -85,12 +85,17 @@ def carry(ahead: jax.Array, way: jax.Array, length: jax.Array) -> jax.Array:
 
 def turn(bearing: jax.Array) -> jax.Array:
     """Turn command that removes a bearing within a control step or two."""
-    return jnp.clip(bearing / (TURN_RATE * CONTROL_DT * 1.3), -1.0, 1.0)
+    return jnp.clip(bearing * _TURN / 1.3, -1.0, 1.0)
 
 
 def bearing(ahead: jax.Array, direction: jax.Array) -> jax.Array:
     """Signed angle from `ahead` to `direction`, counter-clockwise positive."""
-    return jnp.arctan2(ahead[0] * direction[1] - ahead[1] * direction[0], ahead @ direction)
+    return jnp.arctan2(_cross(ahead, direction), ahead @ direction)
+
+
+def _cross(one: jax.Array, other: jax.Array) -> jax.Array:
+    """The part of `other` to the left of the unit vector `one`."""
+    return one[0] * other[1] - one[1] * other[0]
 
 
 def unit(vector: jax.Array) -> jax.Array:
