@@ -40,7 +40,7 @@ def run(request: Pretrain) -> dict[str, Any]:
         # Rearrangements of what the encoder has seen would say too little.
         audited = RecordedTask(job.split[1]) if isinstance(task, RecordedTask) else task
         progress.note(f"auditing {folder.path.name}")
-        metrics |= audit_reward(job, audited, model)
+        metrics |= audit_reward(job, audited, model, settings.step_discount)
         assert model.card is not None
         write_card(folder.path, model.card, metrics)
     write_json(folder.path / "summary.json", {**metrics, "versions": runtime.versions(), "device": runtime.device()})

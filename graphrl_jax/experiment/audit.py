@@ -24,8 +24,14 @@ def audit_scenes(task: Task, seed: int) -> Landscape:
     return task.landscape(stage_key(seed, RunStage.LANDSCAPE))
 
 
-def audit_reward(job: EncoderJob, task: Task, model: RewardModel) -> dict[str, Any]:
+def audit_reward(job: EncoderJob, task: Task, model: RewardModel, discount: float) -> dict[str, Any]:
     """Evaluates the reward on unseen scenes and held-out demonstrations, plots it, and finds subtasks.
+
+    Args:
+      job: says where to write, and what the encoder has not seen.
+      task: draws the scenes.
+      model: the reward.
+      discount: per control step, of the trajectories' discounted sums.
 
     Returns:
       The metrics of the landscape; trajectory_scores; discrimination of successes from failures, if there are failures;
@@ -45,7 +51,8 @@ def audit_reward(job: EncoderJob, task: Task, model: RewardModel) -> dict[str, A
         job.run.figures / "reward_on_demonstrations.png",
         "Learned reward on held-out demonstrations",
     )
-    metrics = {**report.metrics(), "trajectory_scores": scores(rewards, unseen, horizon=task.episode_length)}
+    sums = scores(rewards, unseen, discount, horizon=task.episode_length)
+    metrics = {**report.metrics(), "trajectory_scores": sums}
     if not unseen.success.all():
         metrics["discrimination"] = discrimination(rewards, unseen.lengths, unseen.success)
     method = SUBTASK_METHODS[0]

@@ -220,9 +220,9 @@ def _encoders(members: Sequence[Member], task: Task, progress: Progress) -> list
             for one, demos in zip(missing, kept, strict=True)
         ]
         trained = train_encoders(jobs, members[0].settings.pretrain_config, progress)
-        for job, (model, metrics) in zip(jobs, trained, strict=True):
+        for one, job, (model, metrics) in zip(missing, jobs, trained, strict=True):
             progress.note(f"auditing {job.run.path.name}")
-            metrics |= audit_reward(job, task, model)
+            metrics |= audit_reward(job, task, model, one.settings.step_discount)
             _write_encoder(job.run, model.card, metrics)
     for member in members:
         owner = owners[member.settings.pretrain, member.settings.seed]

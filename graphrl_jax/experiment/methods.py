@@ -70,7 +70,7 @@ _GRAPHIRL_FLOATS = tuple(name for name in ALL_FLOATS if name not in ("alpha", "b
 """A plain mean weighs objects alike, moved or not."""
 _IMAGE_FLOATS = (
     "learning_rate", "final_learning_rate", "warmup", "weight_decay", "max_grad_norm", "tau", "temperature",
-    "tcc_weight", "even",
+    "tcc_weight", "even", "exponent",
 )  # fmt: skip
 
 METHODS: dict[str, Method] = {

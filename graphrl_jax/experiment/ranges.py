@@ -10,8 +10,8 @@ from graphrl_jax.rl.config import PPOConfig
 from graphrl_jax.task import Task
 
 POSITIVE = {
-    "pretrain.learning_rate", "pretrain.max_grad_norm", "pretrain.temperature", "ppo.learning_rate",
-    "ppo.decay_updates", "ppo.clip", "ppo.max_grad_norm", "ppo.reward_scaling",
+    "pretrain.learning_rate", "pretrain.max_grad_norm", "pretrain.temperature", "pretrain.exponent",
+    "ppo.learning_rate", "ppo.decay_updates", "ppo.clip", "ppo.max_grad_norm", "ppo.reward_scaling",
 }  # fmt: skip
 """Floats that must be above 0."""
 SHARES = {
@@ -22,6 +22,7 @@ SHARES = {
 
 SWITCHED_OFF: Mapping[str, tuple[float, tuple[str, ...]]] = {
     "alpha": (1.0, ("bumped_before",)),
+    "even": (1.0, ("exponent",)),
     "rearranged": (0.0, ("bumped", "bumped_before", "approach", "in_order")),
     "reconstruction_weight": (0.0, ("decode_from",)),
     "tcc_weight": (0.0, ("temperature", "tcc_loss")),

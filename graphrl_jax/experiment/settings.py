@@ -75,6 +75,11 @@ class Settings:
         return method_named(self.reward)
 
     @property
+    def step_discount(self) -> float:
+        """PPO's discount per control step; `ppo.discount` is per decision."""
+        return self.ppo.discount ** (1 / self.ppo_config.decision_steps)
+
+    @property
     def image_size(self) -> int | None:
         """Edge of the reward's input images in pixels; None without images."""
         return self.pretrain_config.encoder.image_size

@@ -169,7 +169,8 @@ def _fit_reward(job: EncoderJob, config: PretrainConfig, data: PretrainData, sta
     shown = trainer.shown_frames(config, as_float32(job.hyper), data, stage_key(job.seed, RunStage.GOAL))
     pooling = trainer.pooling_params(config, job.hyper)
     image_size = config.encoder.image_size
-    model = fit_reward(state.params["encoder"], job.split[0], pooling, shown, job.hyper.even, image_size)
+    params, hyper = state.params["encoder"], job.hyper
+    model = fit_reward(params, job.split[0], pooling, shown, hyper.even, hyper.exponent, image_size)
     save_parameters(job.run.path, model)
     return replace(model, card=_card(job, config, model))
 

@@ -73,7 +73,8 @@ class PretrainHyper:
       bumped_before: probability that a rearrangement shows such an object as moved from the start.
       approach: time of the robot's way to an object in a rearrangement, relative to bringing an object as far.
       in_order: probability that a rearrangement keeps the demonstrated order of objects.
-      even: 1 fits an exponent that makes the reward rise evenly (`reward.model.fit_reward`), 0 is Eq. 3.
+      even: 1 fits the exponent that makes the reward rise evenly (`reward.model.fit_reward`), 0 takes `exponent`.
+      exponent: exponent of the scaled distance where `even` is 0; 1 as in Eq. 3.
     """
 
     learning_rate: float = 3e-3
@@ -94,3 +95,4 @@ class PretrainHyper:
     approach: float = 0.15
     in_order: float = 0.5
     even: float = 1.0
+    exponent: float = 1.0

@@ -194,6 +194,7 @@ def fit_reward(
     pooling: PoolingParams,
     shown: Seen | None = None,
     even: ArrayLike = 0.0,
+    exponent: ArrayLike = 1.0,
     image_size: int | None = None,
 ) -> RewardModel:
     """Fits goal, scale and exponent to successful demonstrations.
@@ -207,8 +208,9 @@ def fit_reward(
       pooling: see `PoolingParams`.
       shown: first, middle and last frames of demonstrations as encoder inputs (M, 3, ...), such as
         `trainer.shown_frames`; default: those of `demonstrations`.
-      even: 1 fits the exponent so that the reward at the middle frames is half of that at the first frames; 0 keeps it
-        at 1, which is Eq. 3. It also stays 1 if the middle frames are not closer to the goal than the first.
+      even: 1 fits the exponent so that the reward at the middle frames is half of that at the first frames (1 if the
+        middle frames are not closer to the goal than the first); 0 takes `exponent`.
+      exponent: the exponent where `even` is 0; 1 is Eq. 3.
       image_size: edge of the input images in pixels; None for graphs.
 
     Raises:
@@ -233,8 +235,8 @@ def fit_reward(
         raise ValueError(
             f"the first frames of the demonstrations must differ from the goal, got a mean distance of {start_distance}"
         )
-    exponent = 1.0 + even * (_halving_exponent(safe_norm(seen - goal[None, None])) - 1.0)
-    scalars = (1 / start_distance, exponent, pooling)
+    evened = _halving_exponent(safe_norm(seen - goal[None, None]))
+    scalars = (1 / start_distance, exponent + even * (evened - exponent), pooling)
     return RewardModel(params, goal, *jax.tree.map(partial(jnp.asarray, dtype=jnp.float32), scalars), image_size)
 
 

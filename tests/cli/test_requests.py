@@ -100,7 +100,8 @@ def test_a_task_sets_sizes_of_its_own(configured):
     config = configured("--updates", "3", "--ppo.num-envs", "16", train=train)
     assert (config["updates"], config["ppo_config"]["num_envs"]) == (3, 16)
     size = ShoesInBox.training_sizes["cpu"].ppo
-    assert (config["ppo_config"]["progress"], config["ppo"]["discount"]) == (size["progress"], size["discount"])
+    own = (config["ppo_config"]["progress"], config["ppo"]["entropy_cost"])
+    assert own == (size["progress"], size["entropy_cost"])
 
 
 @pytest.mark.parametrize(

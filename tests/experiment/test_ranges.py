@@ -23,8 +23,8 @@ AT = {"max_grad_norm": 1e-3, "in_order": 1.0, "bumped": 1.0, "approach": 1.0, "t
 OFF = {"alpha": 1.0, "rearranged": 0.0, "reconstruction_weight": 0.0, "tcc_weight": 0.0, "warmup": 1.0, "bumped": 0.0,
        "bumped_before": 0.0, "robot_messages": 0.0, "suppress_robot": 1.0, "weight_decay": 0.0}  # fmt: skip
 """Values that leave something out."""
-ELSEWHERE = {"even", "tau"}
-"""`even` is used after pretraining, and `tau` also decides what the policy observes."""
+ELSEWHERE = {"even", "exponent", "tau"}
+"""`even` and `exponent` are used after pretraining, and `tau` also decides what the policy observes."""
 
 
 @pytest.fixture(scope="module", params=["graph", "graphirl"])
@@ -92,4 +92,4 @@ def test_what_is_switched_off_is_refused_and_said_by_name(part):
         message = f"pretrain.{name} changes nothing while pretrain.{part} is {off:g}; leave it out"
         with pytest.raises(ValueError, match=message):
             compose(TASK, pretrain={part: off, name: value})
-        compose(TASK, pretrain={name: value})
+        compose(TASK, pretrain={part: 0.5, name: value})

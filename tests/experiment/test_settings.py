@@ -23,6 +23,12 @@ def carry(outside_package):
     return make_task("carry")
 
 
+def test_discounts_are_per_decision_and_can_be_had_per_control_step():
+    settings = compose(make_task("shoes_in_box"), ppo={"discount": 0.5, "decision_steps": 4})
+    assert settings.step_discount**4 == pytest.approx(0.5)
+    assert compose(make_task("match_regions"), ppo={"discount": 0.9}).step_discount == 0.9
+
+
 def test_settings_say_what_is_left_out(carry):
     graphirl = compose(carry, "graphirl").pretrain
     assert (graphirl.alpha, graphirl.reconstruction_weight) == (1, 0)

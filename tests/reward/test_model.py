@@ -112,6 +112,14 @@ def test_an_exponent_is_bounded_and_one_without_order_in_time(graphs):
         assert ratio < 1 or exponent == 1.0
 
 
+def test_without_evening_the_exponent_is_the_given_one():
+    evened = fit_reward(PARAMS, DEMOS, POOLING, even=1.0, exponent=0.25).exponent
+    np.testing.assert_array_equal(evened, fit_reward(PARAMS, DEMOS, POOLING, even=1.0).exponent)
+    assert fit_reward(PARAMS, DEMOS, POOLING, exponent=0.25).exponent == 0.25
+    between = fit_reward(PARAMS, DEMOS, POOLING, even=0.5, exponent=0.25).exponent
+    np.testing.assert_allclose(between, (0.25 + evened) / 2, rtol=1e-6)
+
+
 def test_equation_3_has_exponent_one(model):
     assert float(model.exponent) == 1.0
     np.testing.assert_allclose(model.value(2.0), -2 * np.asarray(model.kappa), rtol=1e-6)

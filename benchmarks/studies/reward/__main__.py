@@ -115,7 +115,7 @@ def encoder_row(task: Task, name: str, seed: int, unseen: Demonstrations) -> dic
     job = EncoderJob(run, _demonstrations(task, variant, seed), hyper, seed)
     with Progress() as progress:
         ((model, metrics),) = train_encoders([job], config, progress)
-    bare = fit_reward(model.params, job.split[0], model.pooling, even=hyper.even)
+    bare = fit_reward(model.params, job.split[0], model.pooling, even=hyper.even, exponent=hyper.exponent)
     if f"{name}_{seed}" in DRAWN:
         landscape_figure(task, model, UNSEEN_SEED, FOLDER / f"landscape_{name}.png")
     return {
