@@ -1,10 +1,10 @@
-"""What a finished sweep over alpha found, as a result file and figure.
+"""A sweep over alpha in one program: 5 alphas x 5 seeds, policies trained to the end. One command:
 
-    graphrl sweep --alphas 1,2,4,8,16 --seeds 2 --first-seed 40 --updates 100 --out runs/alphas
-    python -m benchmarks.alphas runs/alphas
+    python -m benchmarks.alphas [--no-train] [--task match_regions_layout]
 
-Of a sweep that is not done with its policies yet, the encoders count, and success in training so far. Writes
-alphas.json and alphas.png to benchmarks/results.
+It trains on a ground where other objects lie in the way, because alpha weighs objects that have moved against others.
+An interrupted sweep goes on. Without training, what the sweep has so far is put together: its encoders, and success in
+training. Writes alphas.json and alphas.png to `benchmarks/results`.
 """
 
 from dataclasses import dataclass
@@ -13,23 +13,36 @@ from typing import Any
 
 import tyro
 
+from benchmarks import members
 from benchmarks.context import RESULTS, measured_on
+from graphrl_jax.cli.requests import Sweep
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.storage import read_json, write_json
 from graphrl_jax.viz import plots
 
 FIELD = "pretrain.alpha"
+ALPHAS = "1,2,4,8,16"
+FIRST_SEED = 40
+"""Seeds of the sweep are those of no other result."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Puts a sweep's members together.
+    """Carries the sweep out and puts its members together.
 
     Attributes:
       sweep: its folder.
+      task: where policies are trained and judged.
+      seeds: of every alpha.
+      updates: policy updates; the task's number if left out.
+      train: carry out what is left of the sweep.
     """
 
-    sweep: tyro.conf.Positional[Path]
+    sweep: Path = Path("runs/alphas")
+    task: str = "match_regions_layout"
+    seeds: int = 5
+    updates: int | None = None
+    train: bool = True
 
 
 def members_of(sweep: Path) -> list[dict[str, Any]]:
@@ -53,7 +66,7 @@ def asked_of(sweep: Path) -> dict[str, Any]:
     config = read_json(sweep / "config.json")
     request = config["request"]
     return {
-        **{name: request[name] for name in ("alphas", "seeds", "first_seed", "updates")},
+        **{name: request[name] for name in ("task", "alphas", "seeds", "first_seed", "updates")},
         "encoder_steps": request["pretrain"]["steps"],
         "preset": config["members"][0]["settings"]["preset"],
     }
@@ -62,6 +75,9 @@ def asked_of(sweep: Path) -> dict[str, Any]:
 def main() -> None:
     """Collects, draws and writes."""
     options = tyro.cli(Options, description=__doc__)
+    if options.train:
+        asked = {"task": options.task, "seeds": options.seeds, "updates": options.updates}
+        members.finish_sweep(Sweep(out=options.sweep, alphas=ALPHAS, first_seed=FIRST_SEED, **asked))
     rows = members_of(options.sweep)
     if not rows:
         raise SystemExit(f"{options.sweep} holds no member with an encoder.json")

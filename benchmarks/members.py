@@ -4,15 +4,15 @@ What a folder holds already is used again: an interrupted member goes on, a judg
 """
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.context import measured_on
-from graphrl_jax.cli import train
-from graphrl_jax.cli.requests import Train
+from graphrl_jax.cli import sweep, train
+from graphrl_jax.cli.requests import Sweep, Train
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import Settings
 from graphrl_jax.storage import read_json, write_json
@@ -40,6 +40,14 @@ def train_missing(wanted: Mapping[Path, Settings], benchmark: str, budget_minute
             Run.start(path, settings)
         print(train.run(Train(out=path, resume=True)))
         write_json(path / "trained_on.json", measured_on(benchmark))
+
+
+def finish_sweep(wanted: Sweep) -> None:
+    """Carries a sweep out, or what is left of the one in its folder, which keeps its own settings."""
+    if (wanted.out / "sweep.json").exists():
+        return
+    begun = (wanted.out / "config.json").exists()
+    sweep.run(Sweep(out=wanted.out, resume=True) if begun else wanted)
 
 
 def judged_once(
@@ -73,6 +81,20 @@ def curve(run: Run, measures: Iterable[str] = ("success",)) -> dict[str, list[fl
     seconds = np.cumsum(np.diff(steps, prepend=0) / [line["steps_per_s"] for line in lines])
     measured = {name: [line[name] for line in lines] for name in measures}
     return {"env_steps": steps, "seconds": seconds.tolist(), **measured}
+
+
+def area(curve: Mapping[str, Sequence[float]]) -> float:
+    """Area under a curve of success over environment steps, as a share of the steps: the mean success of a training."""
+    return float(np.average(curve["success"], weights=np.diff(curve["env_steps"], prepend=0)))
+
+
+def one_per_seed(runs: Iterable[list[dict[str, Any]]]) -> list[dict[str, Any]]:
+    """Lists of runs as one, in the order of their seeds; of several with the same seed, the first."""
+    by_seed: dict[int, dict[str, Any]] = {}
+    for some in runs:
+        for run in some:
+            by_seed.setdefault(run["training_seed"], run)
+    return [by_seed[seed] for seed in sorted(by_seed)]
 
 
 def finished_members(folder: Path, methods: Iterable[str]) -> dict[str, list[Path]]:

@@ -15,7 +15,7 @@ shoes_in_box_policies_gpu), from all finished members and those that an earlier 
 those that the whole table still lacks. Beside them lie the video of the first `graph` member and a few frames of it.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -176,21 +176,12 @@ def with_earlier(methods: dict[str, Any], path: Path, options: Options) -> dict[
     for name in [method for method in SEEDS if method in {**methods, **earlier["methods"]}]:
         rows = [row for row in (methods.get(name), earlier["methods"].get(name)) if row]
         engines = {
-            engine: together(_one_per_seed(row["engines"].get(engine, {"runs": []})["runs"] for row in rows))
+            engine: together(members.one_per_seed(row["engines"].get(engine, {"runs": []})["runs"] for row in rows))
             for engine in ENGINES
             if any(engine in row["engines"] for row in rows)
         }
-        joined[name] = {"engines": engines, "runs": _one_per_seed(row["runs"] for row in rows)}
+        joined[name] = {"engines": engines, "runs": members.one_per_seed(row["runs"] for row in rows)}
     return joined
-
-
-def _one_per_seed(runs: Iterable[list[dict[str, Any]]]) -> list[dict[str, Any]]:
-    """Lists of runs as one, in the order of their seeds; of several with the same seed, the first."""
-    by_seed: dict[int, dict[str, Any]] = {}
-    for some in runs:
-        for run in some:
-            by_seed.setdefault(run["training_seed"], run)
-    return [by_seed[seed] for seed in sorted(by_seed)]
 
 
 def curves_of(methods: Mapping[str, Any]) -> dict[str, list[dict[str, float]]]:

@@ -17,6 +17,7 @@ import tyro
 
 from benchmarks.checks import refuse_unknown
 from benchmarks.context import RESULTS, measured_on
+from benchmarks.rows import LEARNED
 from benchmarks.shoes_in_box import (
     TRAINING_SEED,
     VALIDATION_SEED,
@@ -25,7 +26,6 @@ from benchmarks.shoes_in_box import (
     trained,
     true_progress,
 )
-from benchmarks.tuning import LEARNED
 from graphrl_jax.experiment.methods import ABLATIONS
 from graphrl_jax.experiment.settings import Settings, compose
 from graphrl_jax.registry import make_task

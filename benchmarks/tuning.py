@@ -11,39 +11,61 @@ demonstrations are of a seed that nothing else uses. Writes benchmarks/results/t
 reads.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import tyro
 
+from benchmarks import members
+from benchmarks.checks import refuse_unknown
 from benchmarks.context import measured_on
-from graphrl_jax.experiment.methods import METHODS
+from benchmarks.rows import ROWS
+from graphrl_jax.cli.requests import Sweep
 from graphrl_jax.storage import read_json, write_json
 
-RESULT = Path(__file__).parent / "results" / "tuning.json"
-LEARNED = tuple(name for name, method in METHODS.items() if method.encoder)
+SWEPT = ("pretrain.learning_rate=1e-3,3e-3", "pretrain.temperature=0.01,0.1,1")
 TUNED = ("learning_rate", "temperature")
 """Fields of `PretrainHyper` that are tuned."""
+SEED = 100
+RESULT = Path(__file__).parent / "results" / "tuning.json"
 MEASURE = "pair_accuracy"
+_LEARNED = tuple(name for name, row in ROWS.items() if row.learned)
 
 
 @dataclass(frozen=True)
 class Options:
-    """Puts finished sweeps together.
+    """Tries the settings and chooses.
 
     Attributes:
-      sweeps: folder with a sweep per reward, of that name.
+      rows: learned rows of Table I.
+      encoder_steps: steps per encoder; the preset's if left out.
+      sweeps: folder with a sweep per row, of that name.
     """
 
-    sweeps: tyro.conf.Positional[Path]
+    rows: tuple[str, ...] = _LEARNED
+    encoder_steps: int | None = None
+    sweeps: Path = Path("runs/tuning")
+
+    def __post_init__(self) -> None:
+        refuse_unknown("--rows", self.rows, _LEARNED)
 
 
-def chosen(method: str) -> dict[str, float]:
-    """Floats of pretraining chosen for a method; none for one that was not tuned."""
+def chosen(row: str) -> dict[str, float]:
+    """Floats of pretraining chosen for a row; none for one that was not tuned."""
     if not RESULT.exists():
         return {}
-    return read_json(RESULT)["rewards"].get(method, {}).get("chosen", {})
+    return read_json(RESULT)["rewards"].get(row, {}).get("chosen", {})
+
+
+def swept(row: str, options: Options) -> Path:
+    """The folder of a row's finished sweep."""
+    folder, asked = options.sweeps / row, dict(ROWS[row].floats)
+    if options.encoder_steps is not None:
+        asked["steps"] = options.encoder_steps
+    new = Sweep(out=folder, reward=ROWS[row].method, sweep=SWEPT, first_seed=SEED, encoders_only=True)
+    members.finish_sweep(replace(new, pretrain=replace(new.pretrain, **asked)))
+    return folder
 
 
 def tuned(sweep: Path) -> dict[str, Any]:
@@ -66,17 +88,13 @@ def tuned(sweep: Path) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Chooses, prints and writes."""
+    """Tries, chooses, prints and writes."""
     options = tyro.cli(Options, description=__doc__)
-    missing = [name for name in LEARNED if not (options.sweeps / name / "sweep.json").exists()]
-    if missing:
-        raise SystemExit(
-            f"{options.sweeps} lacks finished sweeps of {', '.join(missing)}; needed: {', '.join(LEARNED)}"
-        )
-    rewards = {name: tuned(options.sweeps / name) for name in LEARNED}
-    for name, found in rewards.items():
-        print(name, found["chosen"])
-    write_json(RESULT, {"rewards": rewards, "measure": MEASURE, **measured_on("tuning")})
+    rewards = read_json(RESULT)["rewards"] if RESULT.exists() else {}
+    for row in options.rows:
+        rewards[row] = {**tuned(swept(row, options)), **measured_on("tuning")}
+        print(row, rewards[row]["chosen"], flush=True)
+        write_json(RESULT, {"rewards": rewards, "measure": MEASURE, **measured_on("tuning")})
 
 
 if __name__ == "__main__":

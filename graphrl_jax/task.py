@@ -138,6 +138,26 @@ class Task(Env):
         """
         raise ValueError(f"task {self.name} draws no images inside a program; allowed: rewards that need none")
 
+    def draw_boxes(
+        self, boxes: jax.Array, mask: jax.Array, class_ids: jax.Array, turns: jax.Array, size: int
+    ) -> jax.Array:
+        """Camera image of a scene that is known by its boxes alone, as rearranged demonstrations are; can be traced.
+
+        Args:
+          boxes: (N, 4) float32, image-plane boxes.
+          mask: (N,) bool, objects that are there.
+          class_ids: (N,) int32, their classes.
+          turns: (N,) float32, angles of the objects in radians, which boxes do not tell.
+          size: edge of the image in pixels (static).
+
+        Returns:
+          (size, size, 3) float32 in [0, 1].
+
+        Raises:
+          ValueError: the task cannot draw them.
+        """
+        raise ValueError(f"task {self.name} draws no images of boxes; allowed: pretrain.rearranged 0")
+
     def detector(self) -> Detector | None:
         """Detector of the task's objects in images, for the import of videos; None if only the user can supply one."""
         return None

@@ -72,5 +72,10 @@ def where(result: Result) -> str:
 
 def commit(result: Result) -> str:
     """The commit of a result, cut short."""
-    full, dirty, _ = result["commit"].partition("-dirty")
+    return commit_of(result["commit"])
+
+
+def commit_of(name: str) -> str:
+    """A commit, cut short."""
+    full, dirty, _ = name.partition("-dirty")
     return f"{full[:7]}{dirty}"

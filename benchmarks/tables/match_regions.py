@@ -1,4 +1,4 @@
-"""Tables of Match Regions: Table I, further methods, variants, alpha."""
+"""Tables of Match Regions: the earlier Table I, further methods, variants, alpha."""
 
 from benchmarks.tables.cells import (
     Result,
@@ -18,7 +18,7 @@ FURTHER = {
     "graph_plain_distance": "graph reward, w/o robot, not evened (Eq. 3)",
     "human": "graph reward, w/o robot, from 15 human demonstrations (11 to learn from, 4 held out)",
 }
-"""What has a result file of its own; methods are in Table I."""
+"""What has a result file of its own."""
 AUDIT = {
     "pair_accuracy": "pairs of random scenes ordered as by the true distance",
     "finished_above_unfinished": "finished scenes above unfinished ones",
@@ -31,7 +31,7 @@ AUDIT = {
 }
 
 
-@of_result("table1")
+@of_result("table1_earlier")
 def headline(result: Result) -> str:
     """Success of every method's policies, best first."""
     rows = [
@@ -42,8 +42,8 @@ def headline(result: Result) -> str:
     return table(["reward", "success", "95 % interval over seeds", "seeds"], rows)
 
 
-@of_result("table1")
-def table_1(result: Result) -> str:
+@of_result("table1_earlier")
+def earlier_table_1(result: Result) -> str:
     """Every method's policies, best first, and how its reward fares on unseen landscapes and trajectories."""
     measures = ("pair_accuracy", "finished_above_unfinished", "value_order_correlation")
     columns = [

@@ -6,7 +6,7 @@ from graphrl_jax import demonstrations, runtime
 from graphrl_jax.cli.options import asked_for
 from graphrl_jax.cli.requests import Pretrain
 from graphrl_jax.experiment.audit import audit_reward
-from graphrl_jax.experiment.environments import refuse_undrawn
+from graphrl_jax.experiment.environments import drawer_of, refuse_undrawn
 from graphrl_jax.experiment.experiment import given_demonstrations
 from graphrl_jax.experiment.recorded import RecordedTask, task_of
 from graphrl_jax.experiment.run_directory import Run
@@ -31,10 +31,10 @@ def run(request: Pretrain) -> dict[str, Any]:
     )
     if settings.method.encoder is None:
         raise ValueError(f"reward {request.reward!r} has no encoder to train")
-    refuse_undrawn(task, settings.reward)
+    refuse_undrawn(task, settings.reward, settings.pretrain.rearranged)
     demos = given_demonstrations(task, settings)
     folder = Run.create(request.out, "pretrain", as_json(settings))
-    job = EncoderJob(folder, demos, settings.pretrain, settings.seed)
+    job = EncoderJob(folder, demos, settings.pretrain, settings.seed, drawer_of(task, settings))
     with Progress() as progress:
         ((model, metrics),) = train_encoders([job], settings.pretrain_config, progress)
         # Rearrangements of what the encoder has seen would say too little.

@@ -16,7 +16,7 @@ from graphrl_jax.demonstrations import DemonstrationError, Demonstrations
 from graphrl_jax.experiment import sharding
 from graphrl_jax.experiment.audit import audit_reward
 from graphrl_jax.experiment.checkpoints import TrainedRun, load_reward_params
-from graphrl_jax.experiment.environments import refuse_undrawn
+from graphrl_jax.experiment.environments import drawer_of, refuse_undrawn
 from graphrl_jax.experiment.evaluation import CHECK_OFFSET, SEED_OFFSET, evaluate_policy, show_policy
 from graphrl_jax.experiment.keys import RunStage, stage_key
 from graphrl_jax.experiment.run_directory import Run
@@ -79,7 +79,7 @@ def refuse_impossible(task: Task, settings: Settings, members: int = 1) -> None:
         raise ValueError(
             f"decision_steps is {steps}; allowed: divisors of the {task.episode_length} steps of {task.name}'s episodes"
         )
-    refuse_undrawn(task, settings.reward)
+    refuse_undrawn(task, settings.reward, settings.pretrain.rearranged)
     if settings.demos is not None:
         given_demonstrations(task, settings)
 
@@ -216,7 +216,7 @@ def _encoders(members: Sequence[Member], task: Task, progress: Progress) -> list
     if sharding.agreed(len(missing), "how many encoders are missing"):
         kept = [demonstration_files.load(_keep_demonstrations(one, members, task)) for one in missing]
         jobs = [
-            EncoderJob(one.run, demos, one.settings.pretrain, one.settings.seed)
+            EncoderJob(one.run, demos, one.settings.pretrain, one.settings.seed, drawer_of(task, one.settings))
             for one, demos in zip(missing, kept, strict=True)
         ]
         trained = train_encoders(jobs, members[0].settings.pretrain_config, progress)

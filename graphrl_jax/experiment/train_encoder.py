@@ -15,7 +15,7 @@ from graphrl_jax.experiment.keys import RunStage, stage_key
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.pretrain import trainer
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
-from graphrl_jax.pretrain.trainer import PretrainData, PretrainState
+from graphrl_jax.pretrain.trainer import DrawBoxes, PretrainData, PretrainState
 from graphrl_jax.progress import Progress
 from graphrl_jax.reward.alignment import cycle_consistency, kendall_tau, value_order_correlation
 from graphrl_jax.reward.card import Card
@@ -36,12 +36,16 @@ FITTED_SHARE = 0.75
 
 @dataclass(frozen=True)
 class EncoderJob:
-    """An encoder to train, and the run folder for its parameters and log lines."""
+    """An encoder to train, and the run folder for its parameters and log lines.
+
+    `draw` draws rearranged demonstrations for an encoder of images that learns from them.
+    """
 
     run: Run
     demonstrations: Demonstrations
     hyper: PretrainHyper
     seed: int
+    draw: DrawBoxes | None = None
 
     @cached_property
     def _fitted(self) -> np.ndarray:
@@ -83,7 +87,9 @@ def train_encoders(
     """
     for source in dict.fromkeys(job.demonstrations.source for job in jobs):
         progress.note(f"demonstrations: {source}")
-    inputs = [_inputs(job, config) for job in jobs]
+    # One program serves all of them, those that need no drawings as well.
+    draw = next((job.draw for job in jobs if job.draw is not None), None)
+    inputs = [_inputs(job, config, draw) for job in jobs]
     shapes = {(jax.tree.structure(one.data), one.data.mask.shape) for one in inputs}
     if len(shapes) > 1:
         raise ValueError(f"demonstrations trained on side by side must agree in number and length, got {shapes}")
@@ -99,8 +105,8 @@ def train_encoders(
     return trained
 
 
-def _inputs(job: EncoderJob, config: PretrainConfig) -> _Inputs:
-    data = trainer.prepare(job.split[0], config.encoder.image_size)
+def _inputs(job: EncoderJob, config: PretrainConfig, draw: DrawBoxes | None) -> _Inputs:
+    data = trainer.prepare(job.split[0], config.encoder.image_size, draw)
     state = trainer.init(config, data.objects, stage_key(job.seed, RunStage.PRETRAIN))
     return _Inputs(as_float32(job.hyper), data, state)
 

@@ -7,6 +7,8 @@
 `run`, and a new value needs no recompilation.
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
@@ -27,6 +29,8 @@ from graphrl_jax.pretrain.augment import Chances, Motion, motion, rearrange
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 
 Metrics = dict[str, jax.Array]
+DrawBoxes = Callable[[jax.Array, jax.Array, jax.Array, jax.Array], jax.Array]
+"""Draws boxes (N, 4), mask (N,), class_ids (N,) and turns (N,) as an image (H, W, 3) uint8; see `Task.draw_boxes`."""
 
 
 jax.tree_util.register_dataclass(PretrainHyper)
@@ -35,9 +39,10 @@ jax.tree_util.register_dataclass(PretrainHyper)
 @jax.tree_util.register_dataclass
 @dataclass(frozen=True)
 class PretrainData:
-    """Demonstrations on the device; fields as in `Demonstrations`, class_ids (B, N). `objects` is static.
+    """Demonstrations on the device; fields as in `Demonstrations`, class_ids (B, N). `objects` and `draw` are static.
 
-    `frames` (B, T, H, W, 3) uint8 are present only for an encoder of images.
+    `frames` (B, T, H, W, 3) uint8 are present only for an encoder of images, and `draw` only if it learns from
+    rearrangements, too.
     """
 
     boxes: jax.Array
@@ -46,6 +51,7 @@ class PretrainData:
     class_ids: jax.Array
     frames: jax.Array | None
     objects: ObjectTable = field(metadata={"static": True})
+    draw: DrawBoxes | None = field(default=None, metadata={"static": True})
 
 
 @jax.tree_util.register_dataclass
@@ -70,8 +76,12 @@ def pooling_params(config: PretrainConfig, hyper: PretrainHyper) -> PoolingParam
     return PoolingParams(hyper.alpha, hyper.suppress_robot, hyper.robot_messages, hyper.tau, config.activity)
 
 
-def prepare(demonstrations: Demonstrations, image_size: int | None = None) -> PretrainData:
+def prepare(
+    demonstrations: Demonstrations, image_size: int | None = None, draw: DrawBoxes | None = None
+) -> PretrainData:
     """Demonstrations as arrays on the device, with their images if `image_size` is given.
+
+    With `draw`, rearrangements of them can be shown as images, too.
 
     Raises:
       ValueError: fewer than two demonstrations (the TCC needs pairs), or no images of `image_size` pixels.
@@ -81,7 +91,7 @@ def prepare(demonstrations: Demonstrations, image_size: int | None = None) -> Pr
     demos = demonstrations
     arrays = map(jnp.asarray, (demos.boxes, demos.mask, demos.lengths, demos.class_ids()))
     frames = None if image_size is None else jnp.asarray(demos.images(image_size))
-    return PretrainData(*arrays, frames, objects=demos.objects)
+    return PretrainData(*arrays, frames, objects=demos.objects, draw=draw)
 
 
 def init(config: PretrainConfig, objects: ObjectTable, key: jax.Array) -> PretrainState:
@@ -146,22 +156,28 @@ def _show(
     key: jax.Array,
 ) -> Seen:
     """Encoder inputs (F, ...) of the frames (F,) of one demonstration in training, rearranged or original. Images are
-    always original, because objects in them cannot be rearranged.
+    always original if nothing draws others.
     """
-    if data.frames is not None:
+    if data.frames is not None and data.draw is None:
         return data.frames[demonstration, frames]
-    choice_key, rearrange_key = jax.random.split(key)
+    choice_key, rearrange_key, turn_key = jax.random.split(key, 3)
     moves = jax.tree.map(lambda leaf: leaf[demonstration], motions)
     choice = jax.random.bernoulli(choice_key, hyper.rearranged)
     # By the other rules, an object is active from its first motion on.
     tau = hyper.tau if config.activity == "displacement" else 0.0
     chances = Chances(hyper.bumped, hyper.bumped_before, hyper.approach, hyper.in_order, tau)
 
-    def seen(frames: jax.Array) -> tuple[jax.Array, jax.Array]:
+    def rearranged(frames: jax.Array) -> tuple[jax.Array, jax.Array]:
         times = frames / jnp.maximum(data.lengths[demonstration] - 1, 1)
-        rearranged = rearrange(rearrange_key, data.objects, moves, times, chances)
+        return rearrange(rearrange_key, data.objects, moves, times, chances)
+
+    if data.frames is not None:
+        drawn = _draw(data, demonstration, rearranged(frames)[0], turn_key)
+        return jnp.where(choice, drawn, data.frames[demonstration, frames])
+
+    def seen(frames: jax.Array) -> tuple[jax.Array, jax.Array]:
         original = data.boxes[demonstration, frames], moves.active[frames]
-        boxes, active = (jnp.where(choice, new, old) for new, old in zip(rearranged, original, strict=True))
+        boxes, active = (jnp.where(choice, new, old) for new, old in zip(rearranged(frames), original, strict=True))
         return boxes, active
 
     boxes, active = seen(frames)
@@ -172,6 +188,14 @@ def _show(
         active = update(state, boxes, shown[frames], hyper.tau).active
     build = jax.vmap(partial(build_graph, data.objects), in_axes=(0, 0, 0, None))
     return build(boxes, data.mask[demonstration, frames], active, data.class_ids[demonstration])
+
+
+def _draw(data: PretrainData, demonstration: jax.Array, boxes: jax.Array, key: jax.Array) -> jax.Array:
+    """Images (F, H, W, 3) uint8 of boxes (F, N, 4), with every object that is ever seen, turned at random."""
+    assert data.draw is not None
+    there = data.mask[demonstration].any(axis=0)
+    turns = jax.random.uniform(key, there.shape, minval=-math.pi, maxval=math.pi)
+    return jax.vmap(data.draw, in_axes=(0, None, None, None))(boxes, there, data.class_ids[demonstration], turns)
 
 
 @partial(jax.jit, static_argnames=("config", "draws"))

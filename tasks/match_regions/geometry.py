@@ -118,6 +118,13 @@ def block_boxes(poses: jax.Array, shapes: jax.Array) -> jax.Array:
     return jax.vmap(one)(poses, jnp.asarray(_CORNERS)[shapes], jnp.asarray(_ROUNDING)[shapes])
 
 
+def box_corners(boxes: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Lower left and upper right corners (..., 2) in the arena of boxes (..., 4) in image coordinates."""
+    centre = VIEW_HALF * jnp.stack([2 * boxes[..., 0] - 1, 1 - 2 * boxes[..., 1]], axis=-1)
+    half = boxes[..., 2:] * VIEW_HALF
+    return centre - half, centre + half
+
+
 def region_box(region: jax.Array) -> jax.Array:
     """Box of a region (4,): (4,)."""
     return _box(jnp.stack(region_corners(region)), jnp.zeros(2))

@@ -13,6 +13,7 @@ from graphrl_jax.reward.landscape import Landscape
 from graphrl_jax.task import Expert, Task
 from tasks.match_regions import expert, layouts, magical, raster, render, scenes
 from tasks.match_regions.env import MatchRegionsEnv
+from tasks.match_regions.objects import scene_of_boxes
 from tasks.match_regions.state import PhysicsState
 
 
@@ -29,6 +30,11 @@ class MatchRegions(MatchRegionsEnv, Task):
 
     def image(self, physics: PhysicsState, size: int) -> jax.Array:
         return raster.image(physics.qpos, physics.world, size)
+
+    def draw_boxes(
+        self, boxes: jax.Array, mask: jax.Array, class_ids: jax.Array, turns: jax.Array, size: int
+    ) -> jax.Array:
+        return raster.image(*scene_of_boxes(self.objects, boxes, mask, class_ids, turns), size)
 
     def detector(self) -> Detector | None:
         # The detector knows only the classes of the Demo scene's table.

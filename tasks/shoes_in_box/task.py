@@ -37,8 +37,8 @@ class ShoesInBox(ShoesInBoxEnv, Task):
     """See `ShoesInBoxEnv` for the arguments."""
 
     # With messages from the robot, the reward is a ramp instead of a staircase. With less emphasis on moved objects, or
-    # more time on the ways to them, it hardly tells a shoe in the box from one beside it. With a larger exponent, a shoe
-    # held above the box until the end earns more, discounted, than a success that took longer.
+    # more time on the ways to them, it hardly tells a shoe in the box from one beside it. With a larger exponent, the
+    # discounted reward of a shoe that is held above the box until the end exceeds that of successes that took longer.
     pretrain_overrides: Mapping[str, float] = MappingProxyType(
         {"robot_messages": 0.0, "alpha": 4.0, "approach": 0.02, "even": 0.0, "exponent": 0.25}
     )

@@ -2,7 +2,10 @@
 
 import json
 
+import pytest
+
 from benchmarks import members
+from graphrl_jax.cli.requests import Sweep
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import compose
 from graphrl_jax.registry import make_task
@@ -43,3 +46,25 @@ def test_a_policy_is_judged_once_for_what_the_judgement_depends_on(tmp_path):
     for seed, number in ((7, 1), (7, 1), (8, 2)):
         kept = members.judged_once(tmp_path, "evaluation", {"seed": seed}, judge, "table1")
         assert kept["success_rate"] == 0.5 and kept["trained_at"] is None and len(made) == number
+
+
+def test_the_area_under_a_curve_is_the_mean_success_of_the_steps():
+    # 100 steps at 0.1, 300 steps at 0.6.
+    assert members.area({"env_steps": [100, 400], "success": [0.1, 0.6]}) == pytest.approx((10 + 180) / 400)
+
+
+def test_of_two_members_with_a_seed_the_first_counts():
+    new, old = [{"training_seed": 2, "x": 1}], [{"training_seed": 2, "x": 0}, {"training_seed": 0, "x": 0}]
+    assert members.one_per_seed([new, old]) == [old[1], new[0]]
+
+
+def test_a_sweep_is_begun_gone_on_with_or_left_alone(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(members.sweep, "run", asked.append)
+    wanted = Sweep(out=tmp_path, alphas="1,2", seeds=2)
+    members.finish_sweep(wanted)
+    write_json(tmp_path / "config.json", {})
+    members.finish_sweep(wanted)
+    write_json(tmp_path / "sweep.json", {})
+    members.finish_sweep(wanted)
+    assert asked == [wanted, Sweep(out=tmp_path, resume=True)]

@@ -2,11 +2,85 @@
 
 import pytest
 
-from benchmarks import table1
+from benchmarks import rows, table1
+from benchmarks.rows import ROWS
 from graphrl_jax.experiment.methods import METHODS
+from graphrl_jax.experiment.settings import compose
+from graphrl_jax.registry import make_task
+from graphrl_jax.storage import write_json
+
+TASK = make_task("match_regions")
 
 
-def test_unknown_methods_are_refused():
-    with pytest.raises(ValueError, match="--methods 'bc'; allowed: graph, env, graphirl"):
-        table1.Options(methods=("bc",))
-    assert set(table1.ORDER) == set(METHODS)
+def run(seed: int, rate: float, area: float) -> dict:
+    curve = {"env_steps": [10, 20], "seconds": [1.0, 2.0], "success": [0.0, rate]}
+    return {"training_seed": seed, "success_rate": rate, "area": area, "curve": curve}
+
+
+def test_every_reward_has_a_row_and_every_learned_one_a_second_in_the_papers_way():
+    assert {row.method for row in ROWS.values()} == set(METHODS)
+    for name, row in ROWS.items():
+        settings = compose(TASK, row.method, pretrain=row.floats)
+        paper = name not in METHODS
+        assert (settings.pretrain.rearranged, settings.pretrain.even) == ((0, 0) if paper else (1, 1))
+        assert ("the paper's way" in rows.label_of(name)) == paper
+        assert row.learned == (name != "env") and (not paper or name == f"{row.method}_paper")
+
+
+@pytest.mark.parametrize(
+    "options, message",
+    [
+        ({"rows": ("bc",)}, "--rows 'bc'; allowed: env, graph, graph_paper, graphirl"),
+        ({"grounds": ("kitchen",)}, "--grounds 'kitchen'; allowed: demo, layout"),
+        ({"evaluation_seed": 4}, "--evaluation-seed 4 is a training's; allowed: another seed"),
+    ],
+)
+def test_what_the_table_does_not_have_is_refused(options, message):
+    with pytest.raises(ValueError, match=message):
+        table1.Options(**options)
+
+
+def test_members_take_turns_by_seed():
+    options = table1.Options(rows=("env", "xirl"), grounds=("demo",))
+    assert table1.planned(options)[:3] == [("demo", "env", 0), ("demo", "xirl", 0), ("demo", "env", 1)]
+    assert len(table1.planned(options)) == 5 + 3
+    assert table1.planned(table1.Options(rows=("env",), seeds=(8,))) == [("demo", "env", 8), ("layout", "env", 8)]
+
+
+def test_earlier_members_count_if_their_episodes_are_the_same(tmp_path):
+    options, path = table1.Options(), tmp_path / "table1.json"
+    new = {"demo": {"graph": [run(1, 0.5, 0.2)]}}
+    assert table1.with_earlier(new, path, options) == new
+    kept = {
+        "layout": {"env": {"runs": [run(0, 0.7, 0.3)]}},
+        "demo": {"graph": {"runs": [run(0, 1.0, 0.4), run(1, 0, 0)]}},
+    }
+    write_json(path, {"grounds": kept, "episodes": 256, "seed": 7})
+    joined = table1.with_earlier(new, path, options)
+    assert [one["success_rate"] for one in joined["demo"]["graph"]] == [1.0, 0.5]
+    assert joined["layout"]["env"] == kept["layout"]["env"]["runs"]
+    missing = table1.missing_members(joined)
+    assert "demo/graph_1" not in missing and "demo/graph_2" in missing and "layout/env_0" not in missing
+    assert len(missing) == 2 * (9 * 5 + 2 * 3) - 3
+    write_json(path, {"grounds": kept, "episodes": 128, "seed": 7})
+    assert table1.with_earlier(new, path, options) == new
+
+
+def test_ours_is_compared_on_the_grounds_that_both_have():
+    runs = {
+        "demo": {"graph": [run(0, 1.0, 0.4), run(1, 0.9, 0.3)], "env": [run(0, 0.8, 0.35), run(1, 0.8, 0.5)]},
+        "layout": {"env": [run(0, 0.8, 0.35)]},
+    }
+    found = table1.summarised(runs)
+    assert set(found["improvement"]) == {"env"}
+    env = found["improvement"]["env"]
+    assert env["probability"] == 0.25 and env["grounds"] == ["demo"]
+    graph = found["grounds"]["demo"]["graph"]
+    assert graph["success_rate"]["mean"] == pytest.approx(0.95) and graph["runs"] == runs["demo"]["graph"]
+    assert found["grounds"]["layout"]["env"]["area"] == {"mean": 0.35, "interval_95": None}
+
+
+def test_the_figure_has_a_row_of_panels_per_ground(tmp_path):
+    runs = {"demo": {"graph": [run(0, 1.0, 0.4), run(1, 0.9, 0.3)], "graph_paper": [run(0, 0.0, 0.0)]}}
+    table1.table1_figure(runs, tmp_path / "figure.png")
+    assert (tmp_path / "figure.png").stat().st_size > 5000

@@ -14,5 +14,5 @@ def test_table_2_trains_what_it_names():
     assert not settings.pretrain_config.encoder.edges
     assert table2.settings_of(task, "xirl", "default").reward == "xirl"
     assert table2.settings_of(task, "graph", "default") == compose(task, "graph", "cpu")
-    with pytest.raises(ValueError, match="--methods 'env'; allowed: graph, graph_with_robot"):
+    with pytest.raises(ValueError, match="--methods 'env'; allowed: graph, graphirl, graph_with_robot"):
         table2.Options(methods=("env",))

@@ -65,7 +65,7 @@ def test_ppo_is_that_of_the_task(monkeypatch):
     config, _ = update.args
     assert (config.num_envs, config.unroll_length, config.num_minibatches) == (4, 2, 4)
     assert config.steps_per_update == 4 * 2 * TASK.decision_steps and config.progress
-    assert float(hyper.discount) == pytest.approx(0.97) and params.reward is model and state == "state"
+    assert float(hyper.entropy_cost) == pytest.approx(0.006) and params.reward is model and state == "state"
 
 
 def test_result_files_of_earlier_releases_are_drawn(tmp_path):

@@ -12,12 +12,14 @@ from graphrl_jax.encoder.config import PixelConfig
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.experiment.environments import (
     TrainingParams,
+    drawer_of,
     environment_of,
     image_drawer,
     refuse_undrawn,
     training_environment_of,
 )
 from graphrl_jax.experiment.methods import METHODS
+from graphrl_jax.experiment.settings import compose
 from graphrl_jax.registry import make_task
 from graphrl_jax.reward.landscape import audit
 from graphrl_jax.reward.model import fit_reward
@@ -50,7 +52,27 @@ def test_only_rewards_of_images_need_a_task_that_draws(reward):
         with pytest.raises(ValueError, match="task shoes_in_box draws no images inside a program"):
             refuse_undrawn(shoes, reward)
     else:
-        refuse_undrawn(shoes, reward)
+        refuse_undrawn(shoes, reward, rearranged=1.0)
+
+
+def test_images_of_rearrangements_need_a_task_that_draws_boxes(outside_package):
+    carry = make_task("carry")
+    refuse_undrawn(make_task("match_regions"), "xirl", rearranged=1.0)
+    refuse_undrawn(carry, "xirl")
+    with pytest.raises(ValueError, match="task carry draws no images of boxes; allowed: pretrain.rearranged 0"):
+        refuse_undrawn(carry, "xirl", rearranged=0.5)
+
+
+def test_drawers_are_those_of_rewards_that_learn_from_drawings():
+    task = make_task("match_regions")
+    for reward, pretrain in (("xirl", {}), ("graph", {"rearranged": 1.0})):
+        assert drawer_of(task, compose(task, reward, pretrain=pretrain)) is None
+    settings = compose(task, "xirl", pretrain={"rearranged": 0.5})
+    draw = drawer_of(task, settings)
+    assert draw is drawer_of(task, settings)  # so that programs compiled for it are used again
+    slots = task.objects.num_slots
+    image = draw(np.full((slots, 4), 0.5), np.ones(slots, bool), np.array(task.objects.class_ids), np.zeros(slots))
+    assert image.shape == (64, 64, 3) and image.dtype == np.uint8 and len(np.unique(image.reshape(-1, 3), axis=0)) > 3
 
 
 @pytest.fixture(scope="module")

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -215,6 +216,36 @@ def test_pretraining_aligns_images():
     _, history = trainer.run(config, hyper, prepare(demos, 16), state, config.steps)
     assert history["loss"][-10:].mean() < 0.5 * history["loss"][:3].mean()
     np.testing.assert_array_equal(history["box"], 0.0)
+
+
+def draw_spots(boxes, mask, class_ids, turns):
+    """An image of 16 pixels with a spot per object; its last pixel tells the angles of three of them."""
+    at = jnp.clip((boxes[:, :2] * 16).astype(jnp.int32), 0, 14)
+    spots = jnp.zeros((16, 16, 3)).at[at[:, 1], at[:, 0]].max(jnp.where(mask, 200.0, 0.0)[:, None])
+    return spots.at[15, 15].set(jnp.round(100 + 30 * turns[:3])).astype(jnp.uint8)
+
+
+@pytest.mark.parametrize("rearranged", [0.0, 1.0])
+def test_images_are_those_of_the_videos_or_drawn_from_rearranged_boxes(rearranged):
+    config = PretrainConfig(1, 4, 6, EncoderConfig(embedding=4, kind="pixels", pixels=PixelConfig(16, 4, (8,))))
+    hyper = replace(HYPER, rearranged=rearranged)
+    videos, data = prepare(with_images(DEMOS, 16), 16), prepare(with_images(DEMOS, 16), 16, draw_spots)
+    key = jax.random.key(4)
+    seen = np.asarray(trainer.shown_frames(config, hyper, data, key, 2))
+    assert seen.shape == (2 * len(DEMOS), 3, 16, 16, 3) and seen.dtype == np.uint8
+    if not rearranged:
+        np.testing.assert_array_equal(seen, trainer.shown_frames(config, hyper, videos, key, 2))
+        return
+    # The scenes are those that an encoder of graphs is shown.
+    graphs = trainer.shown_frames(CONFIG, hyper, DATA, key, 2)
+    spots = np.clip((np.asarray(graphs.boxes)[..., :2] * 16).astype(int), 0, 14)
+    for index in np.ndindex(seen.shape[:2]):
+        there = np.asarray(graphs.mask)[index]
+        column, row = spots[index][there].T
+        assert (seen[index][row, column] == 200).all()
+    # An object keeps its angle for the length of a demonstration, and has another one in the next.
+    angles = seen[:, :, 15, 15]
+    assert (angles == angles[:, :1]).all() and len(np.unique(angles[:, 0], axis=0)) == len(angles)
 
 
 def test_images_of_another_size_are_refused():
