@@ -27,10 +27,11 @@ from benchmarks.checks import refuse_below
 from benchmarks.context import measured_on
 from benchmarks.throughput import random_reward
 from graphrl_jax.experiment.experiment import make_demonstrations
+from graphrl_jax.experiment.policy_programs import PolicyJob
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import compose
 from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
-from graphrl_jax.experiment.train_policy import PolicyJob, train_policies
+from graphrl_jax.experiment.train_policy import train_policies
 from graphrl_jax.progress import Progress
 from graphrl_jax.registry import make_task
 from graphrl_jax.runtime import ProcessLog, configure

@@ -11,7 +11,7 @@ from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import Settings
 from graphrl_jax.pretrain.trainer import pooling_params
 from graphrl_jax.registry import make_task
-from graphrl_jax.reward.model import load_parameters
+from graphrl_jax.reward import model
 from graphrl_jax.rl import ppo
 from graphrl_jax.storage import load_tree
 from graphrl_jax.task import Task
@@ -34,8 +34,16 @@ def load_reward_params(run: Run, settings: Settings, task: Task) -> Any:
     """
     config = settings.pretrain_config
     if settings.method.encoder is None:
+        return reward_shapes(settings, task)
+    return model.load_parameters(run.path, config.encoder, config.activity, task.objects)
+
+
+def reward_shapes(settings: Settings, task: Task) -> Any:
+    """The reward parameters of a run, with shapes and dtypes in the place of what is still to be learned."""
+    config = settings.pretrain_config
+    if settings.method.encoder is None:
         return jax.tree.map(np.float32, pooling_params(config, settings.pretrain))
-    return load_parameters(run.path, config.encoder, config.activity, task.objects)
+    return model.shapes(config.encoder, config.activity, task.objects)
 
 
 def load_policy(run: Run, task: Task, settings: Settings, reward_params: Any) -> Any:
@@ -44,12 +52,17 @@ def load_policy(run: Run, task: Task, settings: Settings, reward_params: Any) ->
     Raises:
       StorageError: there is none, or it does not match the networks of the settings.
     """
+    return load_tree(run.path / "policy.npz", policy_shapes(task, settings, reward_params))
+
+
+def policy_shapes(task: Task, settings: Settings, reward_params: Any) -> Any:
+    """Shapes and dtypes of a policy's parameters; those of the reward may be shapes, too."""
     make_env = environment_of(task, settings.reward)
 
-    def template() -> Any:
+    def policy(reward_params: Any) -> Any:
         return ppo.policy_params(ppo.init(settings.ppo_config, make_env, reward_params, jax.random.key(0)))
 
-    return load_tree(run.path / "policy.npz", jax.eval_shape(template))
+    return jax.eval_shape(policy, reward_params)
 
 
 def load_run(path: str | Path, engine: str | None = None) -> TrainedRun:

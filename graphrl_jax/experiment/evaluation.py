@@ -53,15 +53,26 @@ def unseen_episodes(trained: TrainedRun, episodes: int, seed: int) -> dict[str, 
 
     `events` (episodes, E) bool says which of the task's events hold at the end.
     """
-    return rollout.evaluate(
-        evaluation_config(trained),
-        environment_of(trained.task, trained.settings.reward),
-        trained.reward_params,
-        trained.policy,
-        stage_key(seed, RunStage.EVALUATION),
-        episodes,
-        events=trained.task.events,
-    )
+    return rollout.evaluate(*_arguments(trained, RunStage.EVALUATION, seed, episodes), events=trained.task.events)
+
+
+def _arguments(trained: TrainedRun, stage: RunStage, seed: int, episodes: int) -> tuple[Any, ...]:
+    """What the programs of evaluation and recording take."""
+    make_env = environment_of(trained.task, trained.settings.reward)
+    config, key = evaluation_config(trained), stage_key(seed, stage)
+    return config, make_env, trained.reward_params, trained.policy, key, episodes
+
+
+def compile_evaluation(shapes: TrainedRun, episodes: int) -> None:
+    """Compiles the program of `unseen_episodes`, for parameters of these shapes and dtypes."""
+    arguments = _arguments(shapes, RunStage.EVALUATION, 0, episodes)
+    rollout.evaluate.lower(*arguments, events=shapes.task.events).compile()
+
+
+def compile_recording(shapes: TrainedRun, episodes: int) -> None:
+    """Compiles the program of `show_policy`, for parameters of these shapes and dtypes."""
+    arguments = _arguments(shapes, RunStage.RECORDING, 0, episodes)
+    rollout.record_frames.lower(shapes.task, *arguments, None).compile()
 
 
 def show_policy(run: Run, trained: TrainedRun, episodes: int, seed: int, video: Path) -> None:
@@ -75,15 +86,7 @@ def show_policy(run: Run, trained: TrainedRun, episodes: int, seed: int, video: 
       video: file of the video, ends in .mp4.
     """
     task, settings = trained.task, trained.settings
-    recorded = rollout.record(
-        task,
-        evaluation_config(trained),
-        environment_of(task, settings.reward),
-        trained.reward_params,
-        trained.policy,
-        stage_key(seed, RunStage.RECORDING),
-        episodes,
-    )
+    recorded = rollout.record(task, *_arguments(trained, RunStage.RECORDING, seed, episodes))
     write_video(rollout.draw_rollout(task, recorded), video, task.frame_rate)
     plots.reward_over_time(
         recorded.rewards,

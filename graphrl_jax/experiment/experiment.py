@@ -13,16 +13,17 @@ from typing import Any
 
 from graphrl_jax import demonstrations as demonstration_files
 from graphrl_jax.demonstrations import DemonstrationError, Demonstrations
-from graphrl_jax.experiment import sharding
+from graphrl_jax.experiment import ahead, sharding
 from graphrl_jax.experiment.audit import audit_reward
-from graphrl_jax.experiment.checkpoints import TrainedRun, load_reward_params
+from graphrl_jax.experiment.checkpoints import TrainedRun, load_reward_params, reward_shapes
 from graphrl_jax.experiment.environments import drawer_of, refuse_undrawn
 from graphrl_jax.experiment.evaluation import CHECK_OFFSET, SEED_OFFSET, evaluate_policy, show_policy
 from graphrl_jax.experiment.keys import RunStage, stage_key
+from graphrl_jax.experiment.policy_programs import PolicyJob, PolicyPrograms
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import Settings
 from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
-from graphrl_jax.experiment.train_policy import PolicyJob, train_policies
+from graphrl_jax.experiment.train_policy import train_policies
 from graphrl_jax.graph import ObjectTable
 from graphrl_jax.pretrain.config import PretrainHyper
 from graphrl_jax.progress import Progress
@@ -112,12 +113,15 @@ def run(
     finished = extent.policies and all((member.run.path / "summary.json").exists() for member in members)
     if sharding.agreed(finished, "whether the run is finished"):
         return [read_json(member.run.path / "summary.json") for member in members]
+    settings = members[0].settings
     summaries: list[dict[str, Any]] = [{} for _ in members]
-    if members[0].settings.method.encoder is not None:
-        summaries = [{"encoder": metrics} for metrics in _encoders(members, task, progress)]
-    if not extent.policies:
-        return summaries
-    outcomes = _policies(members, task, progress, extent, folder)
+    programs = PolicyPrograms(settings, task, reward_shapes(settings, task)) if extent.policies else None
+    with ahead.compiling(_ahead(members, task, extent, programs)):
+        if settings.method.encoder is not None:
+            summaries = [{"encoder": metrics} for metrics in _encoders(members, task, progress)]
+        if programs is None:
+            return summaries
+        outcomes = _policies(members, task, progress, extent, folder, programs)
     for member, summary, outcome in zip(members, summaries, outcomes, strict=True):
         summary |= outcome | {
             "training_seed": member.settings.seed,
@@ -130,6 +134,18 @@ def run(
             summary |= process_log.times()
         write_json(member.run.path / "summary.json", summary)
     return summaries
+
+
+def _ahead(
+    members: Sequence[Member], task: Task, extent: Extent, programs: PolicyPrograms | None
+) -> list[ahead.Compile]:
+    """What is compiled while the encoder of a single run is trained."""
+    settings, run = members[0].settings, members[0].run
+    learns = settings.method.encoder is not None and not (run.path / "encoder.json").exists()
+    if programs is None or len(members) > 1 or not learns:
+        return []
+    episodes = VIDEO_EPISODES if extent.videos else 0
+    return ahead.programs_of(settings, task, reward_shapes(settings, task), programs, episodes)
 
 
 def load_demonstrations(path: str | Path, objects: ObjectTable, frame_rate: float, task: str) -> Demonstrations:
@@ -240,7 +256,12 @@ def _write_encoder(run: Run, card: Card, metrics: dict[str, Any]) -> None:
 
 
 def _policies(
-    members: Sequence[Member], task: Task, progress: Progress, extent: Extent, folder: Path | None
+    members: Sequence[Member],
+    task: Task,
+    progress: Progress,
+    extent: Extent,
+    folder: Path | None,
+    programs: PolicyPrograms,
 ) -> list[dict[str, Any]]:
     """Trains and evaluates all policies; returns the outcomes per member."""
     rewards = [load_reward_params(member.run, member.settings, task) for member in members]
@@ -250,7 +271,7 @@ def _policies(
         found = TrainedRun(task, job.settings, job.reward_params, policy)
         return evaluate_policy(found, job.settings.episodes, job.settings.seed + CHECK_OFFSET)["success_rate"]
 
-    trained = train_policies(jobs, task, progress, folder, solved)
+    trained = train_policies(jobs, task, progress, folder, solved, programs)
     progress.note("evaluating")
     outcomes = []
     for job, (policy, metrics) in zip(jobs, trained, strict=True):

@@ -2,30 +2,21 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import jax
 import numpy as np
-from jax.stages import Wrapped
 
 from graphrl_jax.experiment import batching, sharding
-from graphrl_jax.experiment.environments import TrainingParams, training_environment_of
-from graphrl_jax.experiment.keys import RunStage, stage_key
+from graphrl_jax.experiment.policy_programs import Inputs, PolicyJob, PolicyPrograms
 from graphrl_jax.experiment.run_directory import Run, RunError
-from graphrl_jax.experiment.settings import Settings
-from graphrl_jax.pretrain.trainer import pooling_params
 from graphrl_jax.progress import Progress
 from graphrl_jax.rl import ppo
-from graphrl_jax.rl.config import PPOHyper
-from graphrl_jax.rl.ppo import TrainState, as_float32
-from graphrl_jax.runtime import jit_physics
+from graphrl_jax.rl.ppo import TrainState
 from graphrl_jax.storage import (
     has_generation,
     load_generation,
-    load_tree,
     read_json,
     save_generation,
     save_tree,
@@ -40,25 +31,8 @@ _OFTEN, _IN_A_ROW = 0.5, 2
 """Share of solved training episodes from which a policy is evaluated, and evaluations in a row that end a training."""
 
 
-@dataclass(frozen=True)
-class PolicyJob:
-    """A policy to train on a reward, and the run folder for `policy.npz` and log lines."""
-
-    run: Run
-    settings: Settings
-    reward_params: Any
-
-
 Evaluate = Callable[[PolicyJob, Any], float]
 """From a job and its policy's parameters to the share of unseen episodes that the policy solves."""
-
-
-class _Inputs(NamedTuple):
-    """Inputs of the training programs of one policy."""
-
-    hyper: PPOHyper
-    params: TrainingParams
-    key: jax.Array
 
 
 def train_policies(
@@ -67,6 +41,7 @@ def train_policies(
     progress: Progress,
     folder: Path | None = None,
     evaluate: Evaluate | None = None,
+    programs: PolicyPrograms | None = None,
 ) -> list[tuple[Any, dict[str, Any]]]:
     """Trains a policy for every job by PPO; continues from checkpoints if there are any.
 
@@ -76,11 +51,12 @@ def train_policies(
       progress: progress display.
       folder: folder for checkpoints of several jobs; if None, the checkpoint is in the job's own folder.
       evaluate: see `Evaluate`; by it a single training may end early, as its settings say. If None, none does.
+      programs: those of the jobs, if some of them may be compiled already.
 
     Returns:
       Per job the policy's parameters, and metrics: env_steps, train_steps_per_s.
     """
-    programs = _Programs(jobs, task)
+    programs = programs or PolicyPrograms(jobs[0].settings, task, jobs[0].reward_params)
     size = _group_size(programs, jobs, folder)
     groups = batching.groups(range(len(jobs)), size)
     progress.begin("training the policy", jobs[0].settings.updates * len(groups))
@@ -97,50 +73,7 @@ def train_policies(
     return [trained[i] for i in range(len(jobs))]
 
 
-class _Programs:
-    """The compiled programs of a set of jobs, by the number of members side by side."""
-
-    def __init__(self, jobs: Sequence[PolicyJob], task: Task):
-        settings = jobs[0].settings
-        self.config, self.updates = settings.ppo_config, settings.updates
-        self.chunk = min(settings.updates_per_chunk, settings.updates)
-        make_starts = jit_physics(task.training_starts)  # one program for all jobs
-        self.inputs = [
-            _Inputs(
-                as_float32(job.settings.ppo),
-                TrainingParams(as_float32(job.reward_params), _starts(make_starts, job)),
-                stage_key(job.settings.seed, RunStage.POLICY),
-            )
-            for job in jobs
-        ]
-        make_env = training_environment_of(task, settings.reward)
-        self._made = cache(lambda count: batching.policy_programs(self.config, make_env, count))
-        self.update = cache(self._update)
-
-    def init(self, count: int) -> Any:
-        """The program (params, key) -> state."""
-        return self._made(count)[0]
-
-    def _update(self, updates: int, count: int) -> Any:
-        """The compiled program of `updates` updates: (hyper, params, state) -> (state, metrics)."""
-        hyper, params, key = batching.stack(self.inputs[:count])
-        init, make_updates = self._made(count)
-        return make_updates(updates).lower(hyper, params, init.eval_shape(params, key)).compile()
-
-
-def _starts(make_starts: Wrapped, job: PolicyJob) -> Any:
-    """The training starts of a run, kept in its folder: another machine would resume from others."""
-    kept, settings = job.run.path / "starts.npz", job.settings
-    inputs = stage_key(settings.seed, RunStage.STARTS), pooling_params(settings.pretrain_config, settings.pretrain)
-    if kept.exists():
-        return load_tree(kept, make_starts.eval_shape(*inputs))
-    starts = make_starts(*inputs)
-    if starts is not None:
-        save_tree(kept, starts)
-    return starts
-
-
-def _group_size(programs: _Programs, jobs: Sequence[PolicyJob], folder: Path | None) -> int:
+def _group_size(programs: PolicyPrograms, jobs: Sequence[PolicyJob], folder: Path | None) -> int:
     """Members per group: as many as fit into memory, or the group size of the folder's checkpoints.
 
     Raises:
@@ -180,7 +113,7 @@ class _Group:
         self,
         jobs: Sequence[PolicyJob],
         group: Sequence[int],
-        programs: _Programs,
+        programs: PolicyPrograms,
         checkpoint: Path,
         progress: Progress,
         evaluate: Evaluate | None,
@@ -214,10 +147,10 @@ class _Group:
         rate = self.size * timed * config.steps_per_update / seconds if seconds else None
         return {"env_steps": done * config.steps_per_update, "train_steps_per_s": rate}
 
-    def _start(self) -> tuple[_Inputs, TrainState, int]:
+    def _start(self) -> tuple[Inputs, TrainState, int]:
         """The placed inputs, the state of the checkpoint or a new one, and updates done."""
         mesh = sharding.mesh_for(self.size, self.programs.config.num_envs)
-        stacked = batching.stack([self.programs.inputs[i] for i in self.group])
+        stacked = batching.stack([self.programs.inputs(self.jobs[i]) for i in self.group])
         inputs = sharding.put(stacked, sharding.per_member(mesh, self.size))
         state = self.programs.init(self.size)(inputs.params, inputs.key)
         kept = self._kept(state)

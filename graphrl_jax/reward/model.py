@@ -179,13 +179,19 @@ def load_parameters(folder: Path, config: EncoderConfig, activity: ActivityRule,
       StorageError: there are none, or they do not match an encoder of these sizes.
     """
 
-    def template() -> RewardModel:
+    return load_tensors(folder / MODEL, shapes(config, activity, objects))
+
+
+def shapes(config: EncoderConfig, activity: ActivityRule, objects: ObjectTable) -> RewardModel:
+    """Shapes and dtypes of a model, without card, whose encoder has these sizes."""
+
+    def model() -> RewardModel:
         zero = jnp.zeros((), jnp.float32)
         params = encoder.init(jax.random.key(0), config, objects)
         pooling = PoolingParams(zero, zero, zero, zero, activity)
         return RewardModel(params, jnp.zeros(config.embedding, jnp.float32), zero, zero, pooling, config.image_size)
 
-    return load_tensors(folder / MODEL, jax.eval_shape(template))
+    return jax.eval_shape(model)
 
 
 def fit_reward(

@@ -124,31 +124,43 @@ def record(
       All frames on the host, see `Rollout`.
     """
 
-    @partial(jit_physics, static_argnums=3)
-    def run(reward_params: Any, policy_params: Any, key: jax.Array, episodes: int) -> Any:
-        env = VmapWrapper(observed(make_env(reward_params), config))
-        actor = (make_actor or partial(network, config, env.action_size, True))(policy_params)
-        keys = jax.random.split(key, episodes + 1)
-        act_keys = jax.random.split(keys[-1], task.episode_length // config.decision_steps + 1)
-        state = env.reset(keys[:-1])
-
-        def decide(carry: tuple, key: jax.Array) -> Any:
-            state, memory = carry
-            memory, action = actor.act(memory, state, key)
-            state, frames = jax.lax.scan(partial(control, action), state, length=config.decision_steps)
-            return (state, memory), frames
-
-        def control(action: jax.Array, state: Any, _: None) -> Any:
-            state = env.step(state, action)
-            info = state.info
-            frame = (state.pipeline_state, info["boxes"], info["mask"], info["active"], state.reward)
-            return state, (*frame, jax.vmap(task.events)(state))
-
-        _, frames = jax.lax.scan(decide, (state, actor.begin(state, act_keys[-1])), act_keys[:-1])
-        return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]).swapaxes(0, 1), frames)
-
-    *frames, events = jax.tree.map(np.asarray, run(reward_params, policy_params, key, episodes))
+    found = record_frames(task, config, make_env, reward_params, policy_params, key, episodes, make_actor)
+    *frames, events = jax.tree.map(np.asarray, found)
     return Rollout(*frames, events=reached_for_good(events))
+
+
+@partial(jit_physics, static_argnames=("task", "config", "make_env", "episodes", "make_actor"))
+def record_frames(
+    task: Task,
+    config: PPOConfig,
+    make_env: MakeEnv,
+    reward_params: Any,
+    policy_params: Any,
+    key: jax.Array,
+    episodes: int,
+    make_actor: Callable[[Any], Actor] | None = None,
+) -> tuple[Any, ...]:
+    """The program of `record`: the fields of `Rollout`, with every frame's events (B, T, E) bool."""
+    env = VmapWrapper(observed(make_env(reward_params), config))
+    actor = (make_actor or partial(network, config, env.action_size, True))(policy_params)
+    keys = jax.random.split(key, episodes + 1)
+    act_keys = jax.random.split(keys[-1], task.episode_length // config.decision_steps + 1)
+    state = env.reset(keys[:-1])
+
+    def decide(carry: tuple, key: jax.Array) -> Any:
+        state, memory = carry
+        memory, action = actor.act(memory, state, key)
+        state, frames = jax.lax.scan(partial(control, action), state, length=config.decision_steps)
+        return (state, memory), frames
+
+    def control(action: jax.Array, state: Any, _: None) -> Any:
+        state = env.step(state, action)
+        info = state.info
+        frame = (state.pipeline_state, info["boxes"], info["mask"], info["active"], state.reward)
+        return state, (*frame, jax.vmap(task.events)(state))
+
+    _, frames = jax.lax.scan(decide, (state, actor.begin(state, act_keys[-1])), act_keys[:-1])
+    return jax.tree.map(lambda leaf: leaf.reshape(-1, *leaf.shape[2:]).swapaxes(0, 1), frames)
 
 
 def draw_rollout(task: Task, rollout: Rollout) -> np.ndarray:

@@ -9,9 +9,10 @@ import pytest
 
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.experiment.keys import RunStage, stage_key
+from graphrl_jax.experiment.policy_programs import PolicyJob
 from graphrl_jax.experiment.run_directory import Run, RunError
 from graphrl_jax.experiment.settings import compose
-from graphrl_jax.experiment.train_policy import PolicyJob, train_policies
+from graphrl_jax.experiment.train_policy import train_policies
 from graphrl_jax.progress import Progress
 from graphrl_jax.registry import make_task
 from graphrl_jax.rl import ppo

@@ -17,11 +17,12 @@ from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.experiment.checkpoints import TrainedRun
 from graphrl_jax.experiment.evaluation import SEED_OFFSET, evaluate_policy
 from graphrl_jax.experiment.keys import RunStage, stage_key
+from graphrl_jax.experiment.policy_programs import PolicyJob
 from graphrl_jax.experiment.presets import PRESETS
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import compose
 from graphrl_jax.experiment.train_encoder import EncoderJob, train_encoders
-from graphrl_jax.experiment.train_policy import PolicyJob, train_policies
+from graphrl_jax.experiment.train_policy import train_policies
 from graphrl_jax.progress import Progress
 from graphrl_jax.registry import make_task
 from graphrl_jax.reward.model import fit_reward, load_parameters
