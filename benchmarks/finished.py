@@ -38,7 +38,7 @@ def judge_run(
     found["half_solved_at"] = half_solved_at(run)
     if isinstance(trained.reward_params, RewardModel):
         assert unseen is not None
-        audit = unseen_audit(trained.task, trained.reward_params, unseen, seed)
+        audit = unseen_audit(trained.task, trained.reward_params, unseen, seed, trained.settings.step_discount)
         found |= {"pretrain_s": summary["encoder"]["pretrain_s"], "audit": audit}
     return found
 

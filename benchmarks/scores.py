@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +27,7 @@ from benchmarks.context import RESULTS, measured_on
 from graphrl_jax.cli import import_recordings, pretrain
 from graphrl_jax.cli.requests import Import, Pretrain
 from graphrl_jax.demonstrations import Demonstrations, load
+from graphrl_jax.experiment.recorded import RecordedTask
 from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.reward.scoring import score, summary
 from graphrl_jax.storage import read_json, write_json
@@ -114,11 +115,11 @@ def human(options: Options, folder: Path) -> dict[str, Any]:
 
 
 def _model(demos: Demonstrations, chosen: np.ndarray, folder: Path, seed: int) -> RewardModel:
-    """A reward model of the chosen demonstrations."""
-    file, run = folder.with_suffix(".npz"), folder / "run"
-    demos.select(chosen).save(file)
-    pretrain.run(Pretrain(file, run, seed=seed))
-    return RewardModel.load(run)
+    """A reward model of the chosen demonstrations, trained as for a task that is known from recordings alone."""
+    wanted = Pretrain(folder.with_suffix(".npz"), folder / "run", seed=seed)
+    demos.select(chosen).save(wanted.demos)
+    pretrain.run(replace(wanted, pretrain=replace(wanted.pretrain, **RecordedTask.pretrain_overrides)))
+    return RewardModel.load(wanted.out)
 
 
 def _whole_and_half(model: RewardModel, demos: Demonstrations, number: int) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """A task that is known from recordings alone: no simulator, no expert, and an audit on rearranged demonstrations."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any
 
 import jax
@@ -23,11 +25,14 @@ _NEARLY = 0.95
 
 
 class RecordedTask(Task):
-    """A task of which there are demonstrations alone.
+    """A task of which there are demonstrations alone, so that rewards score recordings and train no policies.
 
     Args:
       demonstrations: they say what the task's objects are; the audit rearranges the successes.
     """
+
+    # People reach for objects as slowly as they bring them, and rest at the end: an encoder has to see both.
+    pretrain_overrides: Mapping[str, float] = MappingProxyType({"rearranged": 0.5, "approach": 1.0})
 
     def __init__(self, demonstrations: Demonstrations):
         self.name, self.objects = demonstrations.task, demonstrations.objects
@@ -37,7 +42,7 @@ class RecordedTask(Task):
 
     def landscape(self, key: jax.Array) -> Landscape:
         """Scenes from rearrangements: their time stands for the true distance, and there are no grids."""
-        demos, hyper = self._demonstrations.successes(), PretrainHyper()
+        demos, hyper = self._demonstrations.successes(), PretrainHyper(**self.pretrain_overrides)
         motions = jax.vmap(lambda *one: motion(*one, hyper.tau))(demos.boxes, demos.mask, demos.lengths)
         chosen_key, time_key, draw_key = jax.random.split(key, 3)
         chosen = jax.random.randint(chosen_key, (SCENES,), 0, len(demos))
