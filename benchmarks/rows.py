@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 
 from graphrl_jax.experiment.methods import METHODS
 
-PAPER = {"rearranged": 0.0, "even": 0.0}
-"""The paper's way: demonstrations as they are, the goal from their last frames, Eq. 3 without a fitted exponent."""
+PAPER = {"rearranged": 0.0, "even": 0.0, "exponent": 1.0}
+"""The paper's way: demonstrations as they are, the goal from their last frames, Eq. 3 without an exponent."""
 _IMAGES = "xirl"
 
 

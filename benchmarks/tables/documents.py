@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from benchmarks.tables.cells import ROOT
+from benchmarks.tables.compilation import compilation_table
 from benchmarks.tables.costs import pytorch_table, shoes_throughput_table, sweeps_table, throughput_table
 from benchmarks.tables.faults import faults_table
 from benchmarks.tables.human import fidelity_table, human_table
@@ -35,6 +36,7 @@ DOCUMENTS: dict[str, dict[str, tuple[Callable[[], str], ...]]] = {
         "results of human demonstrations": (human_table, fidelity_table),
         "results of scores": (scores_table,),
         "results of sweeps": (sweeps_table,),
+        "results of compilation": (compilation_table,),
         "results of Stable-Baselines3": (stable_baselines_table,),
         "results of alphas": (alphas_table,),
         "results of faults": (faults_table,),

@@ -29,7 +29,8 @@ from graphrl_jax.reward.model import (
 from graphrl_jax.rl.ppo import as_float32
 
 ENDS_SHARE, END_MARGIN = 0.95, 0.1
-"""A recording looks like success if its reward ends above that of this share of the successes, less this margin."""
+"""A recording looks like success if its reward ends above that of this share of the successes, less this margin. Those
+held out count as well: they tell how recordings end that the encoder has not seen."""
 FITTED_SHARE = 0.75
 """Share of the successes that an encoder is trained on; the rest is held out."""
 
@@ -183,8 +184,8 @@ def _fit_reward(job: EncoderJob, config: PretrainConfig, data: PretrainData, sta
 
 def _card(job: EncoderJob, config: PretrainConfig, model: RewardModel) -> Card:
     """The card of a trained model."""
-    demos = job.split[0]
-    ends = np.asarray(demonstration_rewards(model, demos))[np.arange(len(demos)), demos.lengths - 1]
+    demos, successes = job.split[0], job.demonstrations.successes()
+    ends = np.asarray(demonstration_rewards(model, successes))[np.arange(len(successes)), successes.lengths - 1]
     end_reward = float(np.quantile(ends, 1 - ENDS_SHARE)) - END_MARGIN
     return Card(
         objects=demos.objects,

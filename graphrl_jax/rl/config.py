@@ -116,7 +116,7 @@ class PPOHyper:
     learning_rate: float = 1e-3
     final_learning_rate: float = 3e-4
     decay_updates: float = 100.0
-    discount: float = 0.98
+    discount: float = 0.99
     gae_lambda: float = 0.95
     clip: float = 0.2
     entropy_cost: float = 0.01

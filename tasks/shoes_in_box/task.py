@@ -29,6 +29,7 @@ _PPO = {
     "value_hidden": (256, 256),
     "learning_rate": 4e-4,
     "final_learning_rate": 1e-4,
+    "discount": 0.98,
     "entropy_cost": 0.006,
 }
 
