@@ -31,8 +31,8 @@ class RecordedTask(Task):
       demonstrations: they say what the task's objects are; the audit rearranges the successes.
     """
 
-    # People reach for objects as slowly as they bring them, and rest at the end: an encoder has to see both. Progress is
-    # to rise evenly.
+    # People reach for objects as slowly as they bring them, and rest at the end: an encoder has to see both. Progress
+    # should rise evenly.
     pretrain_overrides: Mapping[str, float] = MappingProxyType({"rearranged": 0.5, "approach": 1.0, "even": 1.0})
 
     def __init__(self, demonstrations: Demonstrations):

@@ -52,8 +52,8 @@ def test_earlier_members_count_if_their_episodes_are_the_same(tmp_path):
     new = {"demo": {"graph": [run(11, 0.5, 0.2)]}}
     assert table1.with_earlier(new, path, options) == new
     kept = {
-        "layout": {"env": {"runs": [run(0, 0.7, 0.3)]}},
-        "demo": {"graph": {"runs": [run(0, 1.0, 0.4), run(1, 0, 0)]}},
+        "layout": {"env": {"runs": [run(10, 0.7, 0.3)]}},
+        "demo": {"graph": {"runs": [run(10, 1.0, 0.4), run(11, 0, 0)]}},
     }
     write_json(path, {"grounds": kept, "episodes": 256, "seed": 7})
     joined = table1.with_earlier(new, path, options)
