@@ -175,13 +175,27 @@ def with_earlier(methods: dict[str, Any], path: Path, options: Options) -> dict[
     joined = {}
     for name in [method for method in SEEDS if method in {**methods, **earlier["methods"]}]:
         rows = [row for row in (methods.get(name), earlier["methods"].get(name)) if row]
-        engines = {
-            engine: together(members.one_per_seed(row["engines"].get(engine, {"runs": []})["runs"] for row in rows))
-            for engine in ENGINES
-            if any(engine in row["engines"] for row in rows)
-        }
+        trained = _trained_at(methods.get(name))
+        engines = {}
+        for engine in ENGINES:
+            judged = [row["engines"].get(engine, {"runs": []})["runs"] for row in rows]
+            kept = [[run for run in runs if _is_of(run, trained)] for runs in judged]
+            if any(kept):
+                engines[engine] = together(members.one_per_seed(kept))
         joined[name] = {"engines": engines, "runs": members.one_per_seed(row["runs"] for row in rows)}
     return joined
+
+
+def _trained_at(row: Mapping[str, Any] | None) -> dict[int, str | None]:
+    """The commit that each of a row's members was trained at, by seed."""
+    engines = {} if row is None else row["engines"]
+    return {run["training_seed"]: run.get("trained_at") for one in engines.values() for run in one["runs"]}
+
+
+def _is_of(run: Mapping[str, Any], trained: Mapping[int, str | None]) -> bool:
+    """Whether an evaluation is of the present member of its seed, or its seed has none."""
+    seed = run["training_seed"]
+    return seed not in trained or trained[seed] == run.get("trained_at")
 
 
 def curves_of(methods: Mapping[str, Any]) -> dict[str, list[dict[str, float]]]:

@@ -55,6 +55,7 @@ def test_members_of_an_earlier_result_file_are_kept_and_new_ones_count_first(tmp
     new = {"graph": row({1: 0.5})}
     assert shoes_policies.with_earlier(new, path, options) == new
     earlier = {"graph": row({1: 0.25, 0: 1.0}), "env": row({2: 0.75}, "mjx")}
+    old = earlier["graph"]["engines"]["mujoco"]["runs"]
     write_json(path, {"methods": earlier, "episodes": 256, "evaluation_seed": 7})
     joined = shoes_policies.with_earlier(new, path, options)
     assert [run["training_seed"] for run in joined["graph"]["runs"]] == [0, 1]
@@ -62,6 +63,11 @@ def test_members_of_an_earlier_result_file_are_kept_and_new_ones_count_first(tmp
     assert list(joined["env"]["engines"]) == ["mjx"]
     lines = [{"env_steps": 1, "success": 0.0}, {"env_steps": 2, "success": 0.5}]
     assert shoes_policies.curves_of(joined) == {"graph_0": lines, "graph_1": lines, "env_2": lines}
+    # An earlier evaluation of a policy that has been trained again is of another policy.
+    earlier["graph"]["engines"]["mjx"] = {"runs": [{**run, "trained_at": "before"} for run in old]}
+    write_json(path, {"methods": earlier, "episodes": 256, "evaluation_seed": 7})
+    joined = shoes_policies.with_earlier(new, path, options)
+    assert [run["training_seed"] for run in joined["graph"]["engines"]["mjx"]["runs"]] == [0]
     # Other episodes say something else.
     assert shoes_policies.with_earlier(new, path, Options(evaluation_seed=9)) == new
 
