@@ -136,10 +136,12 @@ def evaluation(path: Path, task: Task, options: Options) -> dict[str, Any]:
 def member(path: Path) -> dict[str, Any]:
     """How a finished member was trained."""
     run, summary = Run(path), read_json(path / "summary.json")
+    encoder = summary.get("encoder", {})
     return {
         **{name: summary[name] for name in KEPT if name in summary},
         "engine": run.settings().engine,
-        "pretrain_s": summary.get("encoder", {}).get("pretrain_s", 0.0),
+        "pretrain_s": encoder.get("pretrain_s", 0.0),
+        "successes_above": encoder.get("trajectory_scores", {}).get("successes_above"),
         "curve": members.curve(run, CURVES),
     }
 

@@ -16,6 +16,7 @@ def policies_of(result: Result) -> str:
         *SHARES.values(), "mean score", "seeds",
         *(f"{share:.0%} of the training episodes solved after (minutes)" for share in SOLVED),
         "control steps of training (M)", "minutes of pretraining and PPO",
+        "audit of the reward: successes above failures, undiscounted; discounted",
     ]  # fmt: skip
     rows = []
     for name, found in sorted(result["methods"].items(), key=_best_success, reverse=True):
@@ -28,7 +29,7 @@ def policies_of(result: Result) -> str:
             interval = percent_interval(judged["success_interval_95"])
             rows.append(
                 [METHODS[name].label, engine, f"**{judged['success_rate']:.1%}**", interval, *shares,
-                 f"{judged['mean_score']:.3f}", str(len(runs)), *soon, f"{steps:.1f}", f"{minutes:.0f}"]
+                 f"{judged['mean_score']:.3f}", str(len(runs)), *soon, f"{steps:.1f}", f"{minutes:.0f}", _audit(runs)]
             )  # fmt: skip
     missing = ", ".join(f"`{name}`" for name in result["missing"])
     lacks = f"; still missing: {missing}" if missing else ""
@@ -36,6 +37,13 @@ def policies_of(result: Result) -> str:
 
 
 policies_table = of_result("shoes_in_box_policies")(policies_of)
+
+
+def _audit(runs: list[Result]) -> str:
+    """Shares of pairs of a success and a failure that the reward puts in order; rewards of earlier files lack them."""
+    found = [run["successes_above"] for run in runs if run.get("successes_above")]
+    sums = ("undiscounted", "discounted")
+    return "; ".join(f"{mean([one[name] for one in found]):.3f}" for name in sums) if found else "-"
 
 
 def _best_success(item: tuple[str, Result]) -> float:
