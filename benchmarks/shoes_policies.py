@@ -15,9 +15,9 @@ shoes_in_box_policies_gpu), from all finished members and those that an earlier 
 those that the whole table still lacks. Beside them lie the video of the first `graph` member and a few frames of it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -27,13 +27,16 @@ import tyro
 from benchmarks import members
 from benchmarks.checks import refuse_unknown
 from benchmarks.context import RESULTS, measured_on
+from benchmarks.exploits import unseen_trajectories
 from benchmarks.figures import draw_curves, film
 from benchmarks.finished import together
+from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.experiment.checkpoints import load_run
 from graphrl_jax.experiment.evaluation import unseen_episodes
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import compose
 from graphrl_jax.registry import ENGINES, make_task
+from graphrl_jax.reward.landscape import trajectory_scores
 from graphrl_jax.runtime import configure
 from graphrl_jax.storage import read_json, write_json
 from graphrl_jax.task import Task
@@ -133,20 +136,27 @@ def evaluation(path: Path, task: Task, options: Options) -> dict[str, Any]:
     }
 
 
-def member(path: Path) -> dict[str, Any]:
-    """How a finished member was trained."""
+def audit(path: Path, unseen: Callable[[], Demonstrations]) -> dict[str, float]:
+    """Shares of pairs of a success and a failure that a member's reward puts in order, see `landscape.scores`."""
+    task, settings, model, _ = load_run(path)
+    return trajectory_scores(model, unseen(), settings.step_discount, task.episode_length)["successes_above"]
+
+
+def member(path: Path, unseen: Callable[[], Demonstrations]) -> dict[str, Any]:
+    """How a finished member was trained, and the audit of a learned reward on trajectories that no training saw."""
     run, summary = Run(path), read_json(path / "summary.json")
-    encoder = summary.get("encoder", {})
     return {
         **{name: summary[name] for name in KEPT if name in summary},
         "engine": run.settings().engine,
-        "pretrain_s": encoder.get("pretrain_s", 0.0),
-        "successes_above": encoder.get("trajectory_scores", {}).get("successes_above"),
+        "pretrain_s": summary.get("encoder", {}).get("pretrain_s", 0.0),
+        "successes_above": audit(path, unseen) if run.settings().method.encoder else None,
         "curve": members.curve(run, CURVES),
     }
 
 
-def method_row(paths: list[Path], tasks: Mapping[str, Task], options: Options) -> dict[str, Any]:
+def method_row(
+    paths: list[Path], tasks: Mapping[str, Task], unseen: Callable[[], Demonstrations], options: Options
+) -> dict[str, Any]:
     """The finished members of a method: how each was trained, and its policy's episodes by engine."""
     about = {"seed": options.evaluation_seed, "episodes": EPISODES[options.preset]}
     engines = {}
@@ -157,7 +167,7 @@ def method_row(paths: list[Path], tasks: Mapping[str, Task], options: Options) -
             for path, judge in judges.items()
         ]
         engines[engine] = together(kept)
-    return {"engines": engines, "runs": [member(path) for path in paths]}
+    return {"engines": engines, "runs": [member(path, unseen) for path in paths]}
 
 
 def with_earlier(methods: dict[str, Any], path: Path, options: Options) -> dict[str, Any]:
@@ -219,9 +229,10 @@ def write_report(options: Options) -> None:
     found = members.finished_members(options.folder, SEEDS)
     if not found:
         raise SystemExit(f"--runs {options.folder} holds no finished member, and --budget-minutes left none to train")
+    unseen = cache(lambda: unseen_trajectories(make_task(TASK), options.evaluation_seed))
     methods = {}
     for method, paths in found.items():
-        methods[method] = method_row(paths, tasks, options)
+        methods[method] = method_row(paths, tasks, unseen, options)
         print(method, {engine: one["success_rate"] for engine, one in methods[method]["engines"].items()}, flush=True)
     results = options.folder if options.preset == "smoke" else RESULTS
     name = "shoes_in_box_policies_gpu" if options.preset == "gpu" else "shoes_in_box_policies"
