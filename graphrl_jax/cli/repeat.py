@@ -48,7 +48,11 @@ def _own(settings: Settings, command: str) -> dict[str, Any]:
     ablations = _ablations(settings)
     usual = compose(task, **named, ablations=ablations, updates=settings.updates)
     groups = {group: _changed(settings, usual, group) for group in ("pretrain", "ppo")}
-    if compose(task, **named, ablations=ablations, updates=settings.updates, **groups) != settings:
+    try:
+        found = compose(task, **named, ablations=ablations, updates=settings.updates, **groups)
+    except ValueError:  # of a default that no option sets, because it changes nothing about the run
+        found = None
+    if found != settings:
         raise ValueError("this release has other defaults than the one that made it")
     own: dict[str, Any] = {"ablate": ablations}
     if compose(task, **named, ablations=ablations).updates != settings.updates:
