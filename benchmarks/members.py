@@ -6,7 +6,7 @@ What a folder holds already is used again: an interrupted member goes on, a judg
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,8 @@ from graphrl_jax.cli.requests import Sweep, Train
 from graphrl_jax.experiment.run_directory import Run
 from graphrl_jax.experiment.settings import Settings
 from graphrl_jax.storage import read_json, write_json
+
+Row = TypeVar("Row")
 
 
 def finished(path: Path) -> bool:
@@ -86,6 +88,12 @@ def curve(run: Run, measures: Iterable[str] = ("success",)) -> dict[str, list[fl
 def area(curve: Mapping[str, Sequence[float]]) -> float:
     """Area under a curve of success over environment steps, as a share of the steps: the mean success of a training."""
     return float(np.average(curve["success"], weights=np.diff(curve["env_steps"], prepend=0)))
+
+
+def in_turn(seeds: Mapping[Row, Sequence[int]]) -> list[tuple[Row, int]]:
+    """Members as row and seed, one seed of every row in turn."""
+    turns = range(max(map(len, seeds.values()), default=0))
+    return [(row, some[turn]) for turn in turns for row, some in seeds.items() if turn < len(some)]
 
 
 def one_per_seed(runs: Iterable[list[dict[str, Any]]]) -> list[dict[str, Any]]:

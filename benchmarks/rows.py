@@ -29,6 +29,11 @@ class Row:
         """Whether the row has an encoder."""
         return METHODS[self.method].encoder is not None
 
+    @property
+    def paper(self) -> bool:
+        """Whether the reward is learned in the paper's way."""
+        return self.floats == PAPER
+
 
 def _ways(method: str) -> dict[str, Row]:
     seeds = 3 if method == _IMAGES else 5
@@ -47,5 +52,5 @@ OURS = "graph"
 def label_of(name: str) -> str:
     """What a row is called in tables."""
     row = ROWS[name]
-    way = ", the paper's way" if row.floats.get("rearranged") == 0 else ""
+    way = ", the paper's way" if row.paper else ""
     return METHODS[row.method].label + way

@@ -96,9 +96,7 @@ class Options:
 
 def planned(options: Options) -> list[tuple[str, int]]:
     """The members that are asked for, as method and seed, one seed of every method in turn."""
-    seeds = {method: options.seeds or SEEDS[method] for method in options.methods}
-    turns = range(max(map(len, seeds.values()), default=0))
-    return [(method, some[turn]) for turn in turns for method, some in seeds.items() if turn < len(some)]
+    return members.in_turn({method: options.seeds or SEEDS[method] for method in options.methods})
 
 
 def missing_members(options: Options, methods: Mapping[str, Any]) -> list[str]:
@@ -145,11 +143,12 @@ def audit(path: Path, unseen: Callable[[], Demonstrations]) -> dict[str, float]:
 def member(path: Path, unseen: Callable[[], Demonstrations]) -> dict[str, Any]:
     """How a finished member was trained, and the audit of a learned reward on trajectories that no training saw."""
     run, summary = Run(path), read_json(path / "summary.json")
+    settings = run.settings()
     return {
         **{name: summary[name] for name in KEPT if name in summary},
-        "engine": run.settings().engine,
+        "engine": settings.engine,
         "pretrain_s": summary.get("encoder", {}).get("pretrain_s", 0.0),
-        "successes_above": audit(path, unseen) if run.settings().method.encoder else None,
+        "successes_above": audit(path, unseen) if settings.method.encoder else None,
         "curve": members.curve(run, CURVES),
     }
 

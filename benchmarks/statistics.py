@@ -10,8 +10,6 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from scipy.stats import bootstrap, trim_mean
 
-from graphrl_jax.reward.statistics import share_above
-
 RESAMPLES = 5000
 CONFIDENCE = 0.95
 _SEED = 0
@@ -65,12 +63,12 @@ def improvement(ours: Grounds, theirs: Grounds) -> dict[str, float | list[float]
         pairs = zip(runs[:number], runs[number:], strict=True)
         return np.mean([_above(one, other, axis) for one, other in pairs], axis=0)
 
-    exact = float(np.mean([share_above(np.asarray(a), np.asarray(b)) for a, b in zip(ours, theirs, strict=True)]))
-    return {"probability": exact, "interval_95": interval([*ours, *theirs], probability)}
+    runs = [*ours, *theirs]
+    return {"probability": float(probability(*map(np.asarray, runs))), "interval_95": interval(runs, probability)}
 
 
 def _above(high: np.ndarray, low: np.ndarray, axis: int) -> np.ndarray:
-    """`share_above` along an axis."""
+    """As `graphrl_jax.reward.statistics.share_above`, along an axis."""
     high, low = np.moveaxis(high, axis, -1), np.moveaxis(low, axis, -1)
     return np.mean((1 + np.sign(high[..., :, None] - low[..., None, :])) / 2, axis=(-2, -1))
 

@@ -97,15 +97,8 @@ def seeds_of(row: str) -> tuple[int, ...]:
 
 def planned(options: Options) -> list[tuple[str, str, int]]:
     """The members that are asked for, as ground, row and seed, one seed of every row in turn."""
-    seeds = {row: options.seeds or seeds_of(row) for row in options.rows}
-    turns = range(max(map(len, seeds.values()), default=0))
-    return [
-        (ground, row, some[turn])
-        for turn in turns
-        for ground in options.grounds
-        for row, some in seeds.items()
-        if turn < len(some)
-    ]
+    seeds = {(ground, row): options.seeds or seeds_of(row) for ground in options.grounds for row in options.rows}
+    return [(*place, seed) for place, seed in members.in_turn(seeds)]
 
 
 def missing_members(runs: Runs) -> list[str]:

@@ -14,7 +14,6 @@ from benchmarks.statistics import interquartile_mean, profile
 
 _LEVELS = np.linspace(0, 1, 201)
 _AXES = {"env_steps": (1e6, "environment steps (millions)"), "seconds": (60, "minutes of PPO")}
-_STYLES = {False: "-", True: "--"}
 
 Rows = Mapping[str, Sequence[Mapping[str, Any]]]
 
@@ -44,7 +43,7 @@ def _line(name: str) -> dict[str, Any]:
     """A colour per method; the paper's way is dashed."""
     methods = list(dict.fromkeys(row.method for row in ROWS.values()))
     row = ROWS[name]
-    return {"color": f"C{methods.index(row.method)}", "linestyle": _STYLES[row.floats.get("rearranged") == 0]}
+    return {"color": f"C{methods.index(row.method)}", "linestyle": "--" if row.paper else "-"}
 
 
 def _curves(axes: Axes, rows: Rows, measure: str) -> None:

@@ -1,14 +1,11 @@
-"""What every learned reward was tuned on: the same six settings each, by the audit of an encoder of a seed of its own.
+"""What every learned row of Table I is tuned on: the same six settings, by the audit of an encoder of its own seed.
 
-    for reward in graph graph_with_robot graphirl graphirl_with_robot xirl; do
-      graphrl sweep --reward $reward --encoders-only --first-seed 100 --out runs/tuning/$reward \\
-        --sweep pretrain.learning_rate=1e-3,3e-3 pretrain.temperature=0.01,0.1,1
-    done
-    python -m benchmarks.tuning runs/tuning
+    python -m benchmarks.tuning [--rows graph xirl_paper]
 
 Chosen is the setting whose reward puts most pairs of random scenes in order; no policy is trained, and scenes and
-demonstrations are of a seed that nothing else uses. Writes benchmarks/results/tuning.json, which `benchmarks.table1`
-reads.
+demonstrations are of a seed that nothing else uses. Encoders are a sweep per row in `--sweeps`; what is there already
+is used again. Writes benchmarks/results/tuning.json, which `benchmarks.table1` reads; a row that is not asked for keeps
+what the file has.
 """
 
 from dataclasses import dataclass, replace

@@ -60,6 +60,16 @@ def spread_of_some(values: Sequence[float | None]) -> str:
     return spread(found) + ("" if len(found) == len(values) else f", {len(found)} of {len(values)} seeds")
 
 
+def minutes_until(run: Result, chunk: int) -> float:
+    """Minutes of pretraining, and of PPO up to the end of a chunk of updates."""
+    return (run["curve"]["seconds"][chunk] + run.get("pretrain_s", 0.0)) / 60
+
+
+def solved_in(run: Result, share: float) -> int | None:
+    """The chunk of updates after which so large a share of the training episodes was first solved; None if never."""
+    return next((chunk for chunk, success in enumerate(run["curve"]["success"]) if success >= share), None)
+
+
 def percent_interval(bounds: Sequence[float] | None) -> str:
     """An interval over seeds."""
     return f"{bounds[0]:.1%} to {bounds[1]:.1%}" if bounds else "one seed"

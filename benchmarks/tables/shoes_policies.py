@@ -1,6 +1,16 @@
 """The table of policies on Shoes in Box."""
 
-from benchmarks.tables.cells import Result, mean, of_result, percent_interval, spread_of_some, table, where
+from benchmarks.tables.cells import (
+    Result,
+    mean,
+    minutes_until,
+    of_result,
+    percent_interval,
+    solved_in,
+    spread_of_some,
+    table,
+    where,
+)
 from graphrl_jax.experiment.methods import METHODS
 
 SHARES = {"lid_open": "lid open", "one_shoe": "at least one shoe in the box"}
@@ -22,7 +32,7 @@ def policies_of(result: Result) -> str:
     for name, found in sorted(result["methods"].items(), key=_best_success, reverse=True):
         runs = found["runs"]
         steps = mean([run["env_steps"] / 1e6 for run in runs])
-        minutes = mean([_minutes(run, -1) for run in runs])
+        minutes = mean([minutes_until(run, -1) for run in runs])
         soon = [spread_of_some([_solved_after(run, share) for run in runs]) for share in SOLVED]
         for engine, judged in found["engines"].items():
             shares = [f"{mean([one[share] for one in judged['runs']]):.1%}" for share in SHARES]
@@ -50,12 +60,7 @@ def _best_success(item: tuple[str, Result]) -> float:
     return max(judged["success_rate"] for judged in item[1]["engines"].values())
 
 
-def _minutes(run: Result, chunk: int) -> float:
-    """Minutes of pretraining, and of PPO up to the end of a chunk of updates."""
-    return (run["curve"]["seconds"][chunk] + run["pretrain_s"]) / 60
-
-
 def _solved_after(run: Result, share: float) -> float | None:
     """Minutes until a share of the finished training episodes was solved first; None if never."""
-    chunks = [number for number, success in enumerate(run["curve"]["success"]) if success >= share]
-    return _minutes(run, chunks[0]) if chunks else None
+    chunk = solved_in(run, share)
+    return None if chunk is None else minutes_until(run, chunk)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from benchmarks.rows import OURS, label_of
-from benchmarks.tables.cells import Result, commit_of, of_result, spread_of_some, table, where
+from benchmarks.tables.cells import Result, commit_of, minutes_until, of_result, solved_in, spread_of_some, table, where
 
 _SOLVED = (0.5, 0.9)
 """Shares of training episodes; how soon they were reached is told."""
@@ -52,11 +52,8 @@ def _interval(found: Result, shown: str) -> str:
 
 def _solved_after(run: Result, share: float) -> tuple[float | None, float | None]:
     """Million steps and minutes until so large a share of the training episodes was first solved; None if never."""
-    solved = [index for index, success in enumerate(run["curve"]["success"]) if success >= share]
-    if not solved:
-        return None, None
-    seconds = run["curve"]["seconds"][solved[0]] + run.get("pretrain_s", 0.0)
-    return run["curve"]["env_steps"][solved[0]] / 1e6, seconds / 60
+    chunk = solved_in(run, share)
+    return (None, None) if chunk is None else (run["curve"]["env_steps"][chunk] / 1e6, minutes_until(run, chunk))
 
 
 def _steps_and_minutes(runs: Sequence[tuple[float | None, float | None]]) -> str:

@@ -6,6 +6,7 @@ all later calls with the same ones.
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from functools import cache
 from threading import Event, Thread
 from typing import Any
 
@@ -53,6 +54,7 @@ def programs_of(
       video_episodes: episodes of the video; 0 for none.
     """
 
+    @cache
     def shapes() -> TrainedRun:
         return TrainedRun(task, settings, reward, policy_shapes(task, settings, reward))
 

@@ -178,7 +178,6 @@ def load_parameters(folder: Path, config: EncoderConfig, activity: ActivityRule,
     Raises:
       StorageError: there are none, or they do not match an encoder of these sizes.
     """
-
     return load_tensors(folder / MODEL, shapes(config, activity, objects))
 
 
