@@ -21,6 +21,7 @@ import tyro
 
 from benchmarks.context import RESULTS, measured_on
 from benchmarks.shoes_in_box_figures import profile_figure, subtasks_figure
+from benchmarks.tuning import chosen
 from graphrl_jax import demonstrations as demonstration_files
 from graphrl_jax.demonstrations import Demonstrations
 from graphrl_jax.experiment.keys import RunStage, stage_key
@@ -183,7 +184,8 @@ def main() -> None:
     rows = []
     for name, (method, floats) in REWARDS.items():
         for seed in range(sizes.seeds):
-            settings = compose(task, method, seed=seed, pretrain={"steps": sizes.steps, **floats})
+            pretrain = {"steps": sizes.steps, **chosen("table2", method), **floats}
+            settings = compose(task, method, seed=seed, pretrain=pretrain)
             model = trained(task, demos, name, settings, out)
             rows.append({"reward": name, "seed": seed, "exponent": float(model.exponent), **judge(model, unseen)})
             print(name, seed, {cut: rows[-1][cut]["rho"] for cut in ("demonstrations", "whole_episodes")})

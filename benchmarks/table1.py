@@ -116,7 +116,7 @@ def train_missing(options: Options) -> None:
     wanted = {}
     for ground, name, seed in planned(options):
         row = ROWS[name]
-        floats = {**chosen(name), **row.floats}
+        floats = {**chosen("table1", name), **row.floats}
         wanted[options.folder / ground / f"{name}_{seed}"] = compose(
             tasks[ground], row.method, options.preset, seed, updates=options.updates, engine=engine, pretrain=floats
         )

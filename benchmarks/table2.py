@@ -1,23 +1,29 @@
 """Table II: how every learned reward tells successes from failures on Shoes in Box (Eq. 4 and its companions).
 
-    python -m benchmarks.table2 [--preset smoke] [--methods graph xirl graph_no_activity] [--seeds 0 1 2]
+    python -m benchmarks.table2 [--preset smoke] [--rows graph xirl graph_no_activity] [--seeds 0 1 2]
+                                [--budget-minutes 60]
 
-Beside the learned rewards stand ours without each of its parts. All learn from the same demonstrations, with the
-default floats, and are judged on the same unseen successes and failures; both are those of `benchmarks.shoes_in_box`.
-XIRL sees them through MuJoCo's renderer, which needs a graphics library. What is in `--out` already is used again,
-encoder by encoder. Writes table2.json to `benchmarks/results` (smoke: to `--out`).
+Beside the learned rewards stand ours without each of its parts, which have the floats that `benchmarks.tuning` chose
+for ours. All learn from the same demonstrations and are judged on the same unseen successes and failures; both are
+those of `benchmarks.shoes_in_box`. XIRL sees them through MuJoCo's renderer, which needs a graphics library. Encoders
+are trained one after another, one seed of every row in turn. What is in `--out` already is used again. A budget of 0
+trains nothing. Writes table2.json to `benchmarks/results` (smoke: to `--out`), from all encoders in `--out` and those
+that an earlier result file holds; `missing` names those that the whole table still lacks.
 """
 
-from dataclasses import dataclass, replace
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import tyro
 
+from benchmarks import members
 from benchmarks.checks import refuse_unknown
 from benchmarks.context import RESULTS, measured_on
-from benchmarks.rows import LEARNED
+from benchmarks.rows import IMAGES, LEARNED, OURS
 from benchmarks.shoes_in_box import (
     TRAINING_SEED,
     VALIDATION_SEED,
@@ -26,20 +32,27 @@ from benchmarks.shoes_in_box import (
     trained,
     true_progress,
 )
+from benchmarks.statistics import improvement, interquartile_mean_of
+from benchmarks.tuning import chosen
 from graphrl_jax.experiment.methods import ABLATIONS
 from graphrl_jax.experiment.settings import Settings, compose
 from graphrl_jax.registry import make_task
+from graphrl_jax.reward.card import MODEL
 from graphrl_jax.reward.model import demonstration_rewards
 from graphrl_jax.runtime import configure
-from graphrl_jax.storage import write_json
+from graphrl_jax.storage import read_json, write_json
 from tasks.shoes_in_box.task import ShoesInBox
 
-ABLATED = {f"graph_no_{ablation}": ablation for ablation in ABLATIONS}
-REWARDS: dict[str, tuple[str, tuple[str, ...]]] = {
+ABLATED = {f"{OURS}_no_{ablation}": ablation for ablation in ABLATIONS}
+ROWS: dict[str, tuple[str, tuple[str, ...]]] = {
     **{name: (name, ()) for name in LEARNED},
-    **{name: ("graph", (ablation,)) for name, ablation in ABLATED.items()},
+    **{name: (OURS, (ablation,)) for name, ablation in ABLATED.items()},
 }
 """Methods, and what is left out of them."""
+MEASURES = (("demonstrations", "rho"), ("whole_episodes", "auroc"))
+"""Cuts of the episodes, and the measures by which rows are compared."""
+Judged = dict[str, Any]
+"""An encoder: its row, seed and commit, and its discrimination by cut."""
 
 
 @dataclass(frozen=True)
@@ -48,24 +61,90 @@ class Options:
 
     Attributes:
       preset: smoke tries everything on little.
-      methods: learned rewards, and ours without one of its parts.
-      seeds: of each.
+      rows: learned rewards, and ours without one of its parts.
+      seeds: of each; those of the whole table if left out.
+      budget_minutes: no encoder is begun after so long; all if left out.
       out: folder of demonstrations and encoders; runs/table2_PRESET if left out.
     """
 
     preset: Literal["smoke", "default"] = "default"
-    methods: tuple[str, ...] = tuple(REWARDS)
-    seeds: tuple[int, ...] = (0, 1, 2, 3, 4)
+    rows: tuple[str, ...] = tuple(ROWS)
+    seeds: tuple[int, ...] | None = None
+    budget_minutes: float | None = None
     out: Path | None = None
 
     def __post_init__(self) -> None:
-        refuse_unknown("--methods", self.methods, REWARDS)
+        refuse_unknown("--rows", self.rows, ROWS)
+
+    @property
+    def folder(self) -> Path:
+        """Folder of demonstrations and encoders."""
+        return self.out or Path("runs") / f"table2_{self.preset}"
 
 
-def settings_of(task: ShoesInBox, name: str, preset: str) -> Settings:
-    """The settings that the encoder of one of `REWARDS` is trained with."""
-    method, ablations = REWARDS[name]
-    return compose(task, method, "smoke" if preset == "smoke" else "cpu", ablations=ablations)
+def seeds_of(row: str) -> tuple[int, ...]:
+    """Seeds of a row in the whole table."""
+    return tuple(range(3 if row == IMAGES else 5))
+
+
+def settings_of(task: ShoesInBox, row: str, preset: str, seed: int = 0) -> Settings:
+    """The settings that an encoder of a row is trained with."""
+    method, ablations = ROWS[row]
+    sizes = "smoke" if preset == "smoke" else "cpu"
+    return compose(task, method, sizes, seed, ablations=ablations, pretrain=chosen("table2", method))
+
+
+def judged(task: ShoesInBox, row: str, seed: int, options: Options) -> Judged:
+    """How an encoder, trained if it is missing, tells the unseen successes from the failures; judged once."""
+    settings = settings_of(task, row, options.preset, seed)
+    path = options.folder / f"{row}_{seed}"
+    if not (path / "table2.json").exists():
+        fitted, unseen = demonstrations(task, options.folder, options.preset, settings.image_size)
+        model = trained(task, fitted, row, settings, options.folder)
+        found = discriminate_cuts(partial(demonstration_rewards, model), unseen)
+        write_json(path / "table2.json", {"reward": row, "seed": seed, **found, **measured_on("table2")})
+    kept = read_json(path / "table2.json")
+    return {name: kept[name] for name in ("reward", "seed", "demonstrations", "whole_episodes", "commit")}
+
+
+def train_missing(task: ShoesInBox, options: Options) -> None:
+    """Trains and judges encoders as long as the budget lasts."""
+    started = time.monotonic()
+    for row, seed in members.in_turn({row: options.seeds or seeds_of(row) for row in options.rows}):
+        late = options.budget_minutes is not None and (time.monotonic() - started) / 60 >= options.budget_minutes
+        if not late:
+            found = judged(task, row, seed, options)
+            print(row, seed, {cut: round(found[cut][name], 3) for cut, name in MEASURES}, flush=True)
+
+
+def finished(task: ShoesInBox, options: Options, earlier: Sequence[Judged]) -> tuple[list[Judged], list[str]]:
+    """All encoders in the folder, and earlier ones that are no longer there; and names of those that are missing."""
+    there = {(one["reward"], one["seed"]): one for one in earlier}
+    whole = [(row, seed) for row in ROWS for seed in seeds_of(row)]
+    for row, seed in whole:
+        if (options.folder / f"{row}_{seed}" / MODEL).exists():
+            there[row, seed] = judged(task, row, seed, options)
+    missing = [f"{row}_{seed}" for row, seed in whole if (row, seed) not in there]
+    return [there[member] for member in whole if member in there], missing
+
+
+def compared(encoders: Sequence[Judged]) -> dict[str, Any]:
+    """Interquartile means by row and measure, and how probably an encoder of ours is better than one of another row."""
+    found: dict[str, Any] = {}
+    for cut, name in MEASURES:
+        # A small rho is good, a large AUROC.
+        sign = -1 if name == "rho" else 1
+        values = {row: [sign * one[cut][name] for one in encoders if one["reward"] == row] for row in ROWS}
+        values = {row: some for row, some in values.items() if some}
+        ours = values.get(OURS)
+        found[f"{name}, {cut}"] = {
+            row: {
+                **interquartile_mean_of([[sign * value for value in some]]),
+                "improvement": improvement([ours], [some]) if ours and row != OURS else None,
+            }
+            for row, some in values.items()
+        }
+    return found
 
 
 def main() -> None:
@@ -73,27 +152,26 @@ def main() -> None:
     options = tyro.cli(Options, description=__doc__)
     configure()
     where = measured_on("table2")
-    out = options.out or Path("runs") / f"table2_{options.preset}"
+    path = (options.folder if options.preset == "smoke" else RESULTS) / "table2.json"
     task = make_task("shoes_in_box")
     assert isinstance(task, ShoesInBox)
-    rows = []
-    for name in options.methods:
-        settings = settings_of(task, name, options.preset)
-        fitted, unseen = demonstrations(task, out, options.preset, settings.image_size)
-        for seed in options.seeds:
-            model = trained(task, fitted, name, replace(settings, seed=seed), out)
-            found = discriminate_cuts(partial(demonstration_rewards, model), unseen)
-            rows.append({"reward": name, "seed": seed, **found})
-            shown = {cut: found[cut]["rho"] for cut in found}
-            print(name, seed, shown, flush=True)
-    _, unseen = demonstrations(task, out, options.preset)
+    train_missing(task, options)
+    _, unseen = demonstrations(task, options.folder, options.preset)
+    truth = discriminate_cuts(true_progress, unseen)
+    earlier = read_json(path) if path.exists() else {}
+    # Of other episodes if the truth differs.
+    kept = earlier["rewards"] if earlier.get("true_progress") == truth else []
+    encoders, missing = finished(task, options, kept)
     report = {
-        "rewards": rows,
-        "true_progress": discriminate_cuts(true_progress, unseen),
+        "rewards": encoders,
+        "compared": compared(encoders),
+        "missing": missing,
+        "true_progress": truth,
         "seeds": {"demonstrations": TRAINING_SEED, "validation": VALIDATION_SEED},
         **where,
     }
-    write_json((out if options.preset == "smoke" else RESULTS) / "table2.json", report)
+    write_json(path, report)
+    print(f"missing: {len(missing)} encoders; written: {path}")
 
 
 if __name__ == "__main__":

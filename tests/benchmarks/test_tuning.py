@@ -6,32 +6,39 @@ from benchmarks import members, tuning
 from graphrl_jax.storage import write_json
 
 
-def test_the_setting_that_orders_most_pairs_is_chosen(tmp_path, monkeypatch):
+@pytest.mark.parametrize("table", ["table1", "table2"])
+def test_the_setting_whose_audit_is_best_is_chosen(tmp_path, monkeypatch, table):
     def member(rate: float, temperature: float, pairs: float) -> dict:
         swept = {"pretrain.learning_rate": rate, "pretrain.temperature": temperature}
-        return {"swept": swept, "encoder": {"pair_accuracy": pairs, "kendall_tau": 1 - pairs}}
+        return {"swept": swept, "encoder": {"pair_accuracy": pairs, "discrimination": {"rho": 1 - pairs}}}
 
     found = [member(1e-3, 0.1, 0.7), member(3e-3, 1.0, 0.9), member(3e-3, 0.1, 0.8)]
     write_json(tmp_path / "sweep.json", {"members": found})
     write_json(tmp_path / "config.json", {"request": {"first_seed": 100}})
-    row = tuning.tuned(tmp_path)
+    row = tuning.tuned(table, tmp_path)
     assert row["seed"] == 100
-    assert row["chosen"] == {"learning_rate": 3e-3, "temperature": 1.0} and len(row["tried"]) == 3
+    assert row["chosen"] == {"learning_rate": 3e-3, "temperature": 1.0}
+    least = -0.3 if table == "table2" else 0.7
+    assert row["tried"][0] == {"learning_rate": 1e-3, "temperature": 0.1, "value": pytest.approx(least)}
     monkeypatch.setattr(tuning, "RESULT", tmp_path / "tuning.json")
-    assert tuning.chosen("xirl") == {}
-    write_json(tmp_path / "tuning.json", {"rewards": {"xirl": row}})
-    assert tuning.chosen("xirl") == row["chosen"] and tuning.chosen("xirl_paper") == {}
+    assert tuning.chosen(table, "xirl") == {}
+    write_json(tmp_path / "tuning.json", {"tables": {table: {"xirl": row}}})
+    assert tuning.chosen(table, "xirl") == row["chosen"] and tuning.chosen(table, "graph") == {}
+    assert tuning.chosen({"table1": "table2", "table2": "table1"}[table], "xirl") == {}
 
 
 def test_every_row_is_tried_with_its_own_floats_and_the_same_settings(tmp_path, monkeypatch):
     asked = []
     monkeypatch.setattr(members, "finish_sweep", asked.append)
-    options = tuning.Options(rows=("graph", "xirl_paper"), sweeps=tmp_path, encoder_steps=300)
-    for row in options.rows:
-        assert tuning.swept(row, options) == tmp_path / row
-    graph, xirl = asked
-    assert (graph.reward, xirl.reward) == ("graph", "xirl") and graph.sweep == xirl.sweep == tuning.SWEPT
-    assert graph.encoders_only and graph.first_seed == xirl.first_seed == tuning.SEED
-    assert (graph.pretrain.steps, xirl.pretrain.rearranged, xirl.pretrain.even) == (300, 0.0, 0.0)
+    options = tuning.Options(sweeps=tmp_path, encoder_steps=300)
+    for table, row in (("table1", "graph"), ("table1", "xirl_paper"), ("table2", "xirl")):
+        assert tuning.swept(table, row, options) == tmp_path / table / row
+    graph, paper, shoes = asked
+    assert (graph.task, paper.task, shoes.task) == ("match_regions", "match_regions", "shoes_in_box")
+    assert (graph.reward, paper.reward, shoes.reward) == ("graph", "xirl", "xirl")
+    assert all(one.sweep == tuning.SWEPT and one.first_seed == tuning.SEED and one.encoders_only for one in asked)
+    assert (graph.pretrain.steps, paper.pretrain.rearranged, paper.pretrain.even) == (300, 0.0, 0.0)
     with pytest.raises(ValueError, match="--rows 'env'; allowed: graph, graph_paper"):
         tuning.Options(rows=("env",))
+    with pytest.raises(ValueError, match="--tables 'table3'; allowed: table1, table2"):
+        tuning.Options(tables=("table3",))
