@@ -51,7 +51,10 @@ def test_rows_are_trained_in_turn_until_the_budget_is_spent(tmp_path, monkeypatc
 
 
 def test_a_small_rho_and_a_large_auroc_are_better():
-    ours, theirs = [encoder("graph", seed, 0.7) for seed in (0, 1)], [encoder("xirl", seed, 0.8, 0.9) for seed in (0, 1)]
+    ours, theirs = (
+        [encoder("graph", seed, 0.7) for seed in (0, 1)],
+        [encoder("xirl", seed, 0.8, 0.9) for seed in (0, 1)],
+    )
     found = table2.compared(ours + theirs)
     rho, auroc = found["rho, demonstrations"], found["auroc, whole_episodes"]
     assert rho["graph"]["mean"] == pytest.approx(0.7) and rho["graph"]["improvement"] is None
