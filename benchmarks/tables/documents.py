@@ -6,6 +6,7 @@ from benchmarks.tables.cells import ROOT
 from benchmarks.tables.compilation import compilation_table
 from benchmarks.tables.costs import pytorch_table, shoes_throughput_table, sweeps_table, throughput_table
 from benchmarks.tables.faults import faults_table
+from benchmarks.tables.first_run import first_run_table
 from benchmarks.tables.human import fidelity_table, human_table
 from benchmarks.tables.markers import names_in, updated
 from benchmarks.tables.match_regions import (
@@ -37,6 +38,7 @@ DOCUMENTS: dict[str, dict[str, tuple[Callable[[], str], ...]]] = {
         "results of scores": (scores_table,),
         "results of sweeps": (sweeps_table,),
         "results of compilation": (compilation_table,),
+        "results of first runs": (first_run_table,),
         "results of Stable-Baselines3": (stable_baselines_table,),
         "results of alphas": (alphas_table,),
         "results of faults": (faults_table,),
