@@ -89,3 +89,9 @@ def commit_of(name: str) -> str:
     """A commit, cut short."""
     full, dirty, _ = name.partition("-dirty")
     return f"{full[:7]}{dirty}"
+
+
+def interval(found: Result, shown: str) -> str:
+    """The bounds of `interval_95`, each in the format `shown`."""
+    bounds = found["interval_95"]
+    return " to ".join(map(shown.format, bounds)) if bounds else "one seed"

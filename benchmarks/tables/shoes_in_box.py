@@ -1,6 +1,7 @@
 """Tables of Shoes in Box: Table II, discrimination by reward and by kind of failure, subtasks."""
 
-from benchmarks.tables.cells import Result, mean, of_result, spread, table, where
+from benchmarks.rows import LEARNED
+from benchmarks.tables.cells import Result, interval, mean, of_result, spread, table, where
 from graphrl_jax.experiment.methods import METHODS
 
 LEFT_OUT = {
@@ -11,6 +12,8 @@ LEFT_OUT = {
     "edges": "no offsets and distances",
 }
 """Of our method, in Table II."""
+ROWS = (*LEARNED, *(f"graph_no_{part}" for part in LEFT_OUT))
+"""Of Table II, in order."""
 REWARDS = {
     "true_progress": "true progress, from the simulator",
     "graph": METHODS["graph"].label,
@@ -25,15 +28,52 @@ _MEASURES = (
 )  # fmt: skip
 
 
-@of_result("table2")
-def table_2(result: Result) -> str:
-    """How every learned reward tells successes from failures, lowest rho first."""
-    rho: dict[str, list[float]] = {}
-    for run in result["rewards"]:
-        rho.setdefault(run["reward"], []).append(run["demonstrations"]["rho"])
-    labels = {name: method.label for name, method in METHODS.items()}
-    labels |= {f"graph_no_{part}": f"{METHODS['graph'].label}, {label}" for part, label in LEFT_OUT.items()}
-    return _discrimination(result, {name: labels[name] for name in sorted(rho, key=lambda name: mean(rho[name]))})
+def table_2_of(result: Result) -> str:
+    """How every learned reward tells successes from failures, lowest rho first, and how ours compares."""
+    columns = [
+        "reward", "rho", "95 % interval", "ours is lower", "AUROC, whole episodes", "95 % interval", "ours is higher",
+        "rank correlation with time, successes", "seeds",
+    ]  # fmt: skip
+    rho, auroc = (result["compared"][name] for name in ("rho, demonstrations", "auroc, whole_episodes"))
+    rows = []
+    for name in sorted(rho, key=lambda name: rho[name]["mean"]):
+        runs = _of(result, name)
+        order = spread([run["demonstrations"]["order_success"] for run in runs])
+        compared = [cell for measure in (rho, auroc) for cell in _compared(measure[name])]
+        rows.append([_label(name), *compared, order, str(len(runs))])
+    missing = result["missing"]
+    still = f"; {len(missing)} encoders are still missing" if missing else ""
+    return table(columns, rows, f"Interquartile means over seeds{still} {where(result)}")
+
+
+def kinds_table_of(result: Result) -> str:
+    """Rho of every learned reward by kind of failure: which failures make the order of the table."""
+    names = sorted(result["compared"]["rho, demonstrations"], key=lambda name: ROWS.index(name))
+    rows = []
+    for kind in result["true_progress"]["demonstrations"]["kinds"]:
+        found = [mean([run["demonstrations"]["kinds"][kind]["rho"] for run in _of(result, name)]) for name in names]
+        rows.append([kind.replace("_", " "), *(f"{value:.3f}" for value in found)])
+    return table(["rho, by kind of failure", *map(_label, names)], rows)
+
+
+def _of(result: Result, name: str) -> list[Result]:
+    return [run for run in result["rewards"] if run["reward"] == name]
+
+
+def _label(name: str) -> str:
+    method, _, part = name.partition("_no_")
+    return METHODS[method].label + (f", {LEFT_OUT[part]}" if part else "")
+
+
+def _compared(found: Result) -> list[str]:
+    """Interquartile mean, its interval, and the probability that an encoder of ours is better, with its interval."""
+    better = found["improvement"]
+    shown = f"{better['probability']:.2f} ({interval(better, '{:.2f}')})" if better else "-"
+    return [f"{found['mean']:.3f}", interval(found, "{:.3f}"), shown]
+
+
+table_2 = of_result("table2")(table_2_of)
+kinds_table = of_result("table2")(kinds_table_of)
 
 
 @of_result("shoes_in_box")

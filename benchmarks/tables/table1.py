@@ -3,7 +3,17 @@
 from collections.abc import Sequence
 
 from benchmarks.rows import OURS, label_of
-from benchmarks.tables.cells import Result, commit_of, minutes_until, of_result, solved_in, spread_of_some, table, where
+from benchmarks.tables.cells import (
+    Result,
+    commit_of,
+    interval,
+    minutes_until,
+    of_result,
+    solved_in,
+    spread_of_some,
+    table,
+    where,
+)
 
 _SOLVED = (0.5, 0.9)
 """Shares of training episodes; how soon they were reached is told."""
@@ -22,8 +32,8 @@ def policies_of(result: Result) -> str:
             runs = row["runs"]
             soon = [_steps_and_minutes([_solved_after(run, share) for run in runs]) for share in _SOLVED]
             rows.append(
-                [ground, label_of(name), f"**{success['mean']:.1%}**", _interval(success, "{:.1%}"),
-                 f"{area['mean']:.3f}", _interval(area, "{:.3f}"), *soon, str(len(runs))]
+                [ground, label_of(name), f"**{success['mean']:.1%}**", interval(success, "{:.1%}"),
+                 f"{area['mean']:.3f}", interval(area, "{:.3f}"), *soon, str(len(runs))]
             )  # fmt: skip
     commits = {
         run["trained_at"] for found in result["grounds"].values() for row in found.values() for run in row["runs"]
@@ -38,16 +48,11 @@ def policies_of(result: Result) -> str:
 def improvement_of(result: Result) -> str:
     """How probably a run of ours has the larger area under the curve than one of another row."""
     rows = [
-        [label_of(name), f"{found['probability']:.2f}", _interval(found, "{:.2f}"), ", ".join(found["grounds"])]
+        [label_of(name), f"{found['probability']:.2f}", interval(found, "{:.2f}"), ", ".join(found["grounds"])]
         for name, found in result["improvement"].items()
     ]
     columns = [f"{label_of(OURS)}, against", "probability of improvement", "95 % interval", "grounds"]
     return table(columns, rows) if rows else ""
-
-
-def _interval(found: Result, shown: str) -> str:
-    bounds = found["interval_95"]
-    return " to ".join(map(shown.format, bounds)) if bounds else "one seed"
 
 
 def _solved_after(run: Result, share: float) -> tuple[float | None, float | None]:

@@ -78,7 +78,7 @@ def with_sizes(task, **sizes: TrainingSize):
 
 
 def test_a_task_sets_the_size_of_its_training_by_preset(carry):
-    ppo = {"num_envs": 48, "episode_length": 10, "progress": True, "discount": 0.9}
+    ppo = {"num_envs": 64, "episode_length": 10, "progress": True, "discount": 0.9}
     task = with_sizes(carry, cpu=TrainingSize(7, ppo))
     settings, usual = compose(task, preset="cpu"), compose(carry, preset="cpu")
     assert (settings.updates, settings.ppo.decay_updates, settings.ppo.discount) == (7, 7.0, 0.9)
@@ -87,15 +87,15 @@ def test_a_task_sets_the_size_of_its_training_by_preset(carry):
     assert settings.ppo == replace(usual.ppo, discount=0.9, decay_updates=7.0)
     assert settings.pretrain_config == usual.pretrain_config and settings.episodes == usual.episodes
     # What is asked for goes over it, and other presets know nothing of it.
-    asked = compose(task, preset="cpu", updates=3, ppo={"num_envs": 16, "discount": 0.5, "progress": False})
+    asked = compose(task, preset="cpu", updates=3, ppo={"num_envs": 32, "discount": 0.5, "progress": False})
     assert (asked.updates, asked.ppo.decay_updates, asked.ppo.discount) == (3, 3.0, 0.5)
-    assert (asked.ppo_config.num_envs, asked.ppo_config.episode_length) == (16, 10) and not asked.ppo_config.progress
+    assert (asked.ppo_config.num_envs, asked.ppo_config.episode_length) == (32, 10) and not asked.ppo_config.progress
     for preset in ("smoke", "gpu"):
         assert compose(task, preset=preset) == compose(carry, preset=preset)
     fixed = with_sizes(carry, cpu=TrainingSize(7, {"decay_updates": 70.0}))
     assert compose(fixed).ppo.decay_updates == compose(fixed, updates=3).ppo.decay_updates == 70.0
     with pytest.raises(ValueError, match="unknown field ppo.num_env; known fields: learning_rate, "):
-        compose(with_sizes(carry, cpu=TrainingSize(7, {"num_env": 48})))
+        compose(with_sizes(carry, cpu=TrainingSize(7, {"num_env": 64})))
 
 
 def test_shoes_in_box_trains_longer_than_a_preset_says_but_not_in_a_smoke_run():
@@ -167,7 +167,7 @@ def test_a_field_that_is_missing_or_unknown_is_an_error_that_names_it(carry, pat
         ({"ppo": {"entropy_cost": -1.0}}, "ppo.entropy_cost is -1.0; allowed: 0 or more"),
         ({"ppo": {"discount": 1.1}}, "ppo.discount is 1.1; allowed: 0 to 1"),
         ({"pretrain": {"rearranged": 2.0}}, "pretrain.rearranged is 2.0; allowed: 0 to 1"),
-        ({"ppo": {"num_envs": 5}}, r"num_envs is 5; allowed: a multiple of num_minibatches \(16\)"),
+        ({"ppo": {"num_envs": 5}}, r"num_envs is 5; allowed: a multiple of num_minibatches \(32\)"),
         ({"ppo": {"activation": "step"}}, "activation is 'step'; allowed: celu, elu, "),
         ({"pretrain": {"alhpa": 4.0}}, "unknown field pretrain.alhpa; known fields: learning_rate, "),
         ({"ppo": {"learning_rat": 1e-3}}, "unknown field ppo.learning_rat; known fields: learning_rate, "),
