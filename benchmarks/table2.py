@@ -3,8 +3,8 @@
     python -m benchmarks.table2 [--preset smoke] [--rows graph xirl graph_no_activity] [--seeds 0 1 2]
                                 [--budget-minutes 60]
 
-Beside the learned rewards stand ours without each of its parts, which have the floats that `benchmarks.tuning` chose
-for ours. All learn from the same demonstrations and are judged on the same unseen successes and failures; both are
+Floats are those that `benchmarks.tuning` chose; XIRL's are those of Table I, where it learns in the same way. Beside the
+learned rewards stand ours without each of its parts, with the floats of ours. All learn from the same demonstrations and are judged on the same unseen successes and failures; both are
 those of `benchmarks.shoes_in_box`. XIRL sees them through MuJoCo's renderer, which needs a graphics library. Encoders
 are trained one after another, one seed of every row in turn. What is in `--out` already is used again. A budget of 0
 trains nothing. Writes table2.json to `benchmarks/results` (smoke: to `--out`), from all encoders in `--out` and those
@@ -91,7 +91,8 @@ def settings_of(task: ShoesInBox, row: str, preset: str, seed: int = 0) -> Setti
     """The settings that an encoder of a row is trained with."""
     method, ablations = ROWS[row]
     sizes = "smoke" if preset == "smoke" else "cpu"
-    return compose(task, method, sizes, seed, ablations=ablations, pretrain=chosen("table2", method))
+    floats = chosen("table1", f"{IMAGES}_paper") if method == IMAGES else chosen("table2", method)
+    return compose(task, method, sizes, seed, ablations=ablations, pretrain=floats)
 
 
 def judged(task: ShoesInBox, row: str, seed: int, options: Options) -> Judged:

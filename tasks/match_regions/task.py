@@ -21,10 +21,7 @@ class MatchRegions(MatchRegionsEnv, Task):
     """See `MatchRegionsEnv` for the arguments."""
 
     # Blocks may be brought in any order. With a larger exponent, some policies bring one target and leave it at that.
-    # The temperature is what `benchmarks.tuning` chose.
-    pretrain_overrides: Mapping[str, float] = MappingProxyType(
-        {"in_order": 0.0, "even": 0.0, "exponent": 0.25, "temperature": 1.0}
-    )
+    pretrain_overrides: Mapping[str, float] = MappingProxyType({"in_order": 0.0, "even": 0.0, "exponent": 0.25})
 
     def training(self, starts: Any = None) -> Self:
         if self.control == "discrete":

@@ -38,7 +38,7 @@ _PPO = {
 class ShoesInBox(ShoesInBoxEnv, Task):
     """See `ShoesInBoxEnv` for the arguments."""
 
-    # With messages from the robot, the reward is a ramp instead of a staircase. With more time on the ways to objects, it
+    # With messages from the robot, the reward is a ramp instead of a staircase. With more time on ways to objects, it
     # hardly tells a shoe in the box from one beside it. With a larger exponent, the discounted reward of a shoe that is
     # held above the box until the end exceeds that of successes that took longer. The temperature is what
     # `benchmarks.tuning` chose.

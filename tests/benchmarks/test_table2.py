@@ -23,6 +23,8 @@ def test_table_2_trains_what_it_names(tmp_path, monkeypatch):
     # What is left out of ours has the floats that were chosen for ours.
     write_json(tmp_path / "tuning.json", {"tables": {"table2": {"graph": {"chosen": {"temperature": 0.5}}}}})
     assert table2.settings_of(task, "graph_no_edges", "default").pretrain.temperature == 0.5
+    write_json(tmp_path / "tuning.json", {"tables": {"table1": {"xirl_paper": {"chosen": {"temperature": 0.2}}}}})
+    assert table2.settings_of(task, "xirl", "default").pretrain.temperature == 0.2
     with pytest.raises(ValueError, match="--rows 'env'; allowed: graph, graphirl, graph_with_robot"):
         table2.Options(rows=("env",))
 
