@@ -3,12 +3,13 @@
     python -m benchmarks.table2 [--preset smoke] [--rows graph xirl graph_no_activity] [--seeds 0 1 2]
                                 [--budget-minutes 60]
 
-Floats are those that `benchmarks.tuning` chose; XIRL's are those of Table I, where it learns in the same way. Beside the
-learned rewards stand ours without each of its parts, with the floats of ours. All learn from the same demonstrations and are judged on the same unseen successes and failures; both are
-those of `benchmarks.shoes_in_box`. XIRL sees them through MuJoCo's renderer, which needs a graphics library. Encoders
-are trained one after another, one seed of every row in turn. What is in `--out` already is used again. A budget of 0
-trains nothing. Writes table2.json to `benchmarks/results` (smoke: to `--out`), from all encoders in `--out` and those
-that an earlier result file holds; `missing` names those that the whole table still lacks.
+Floats are those that `benchmarks.tuning` chose; XIRL's are those of Table I, where it learns in the same way. Beside
+the learned rewards stand ours without each of its parts, with the floats of ours. All learn from the same
+demonstrations and are judged on the same unseen successes and failures; both are those of `benchmarks.shoes_in_box`.
+XIRL sees them through MuJoCo's renderer, which needs a graphics library. Encoders are trained one after another, one
+seed of every row in turn. What is in `--out` already is used again. A budget of 0 trains nothing. Writes table2.json to
+`benchmarks/results` (smoke: to `--out`), from all encoders in `--out` and those that an earlier result file holds;
+`missing` names those that the whole table still lacks.
 """
 
 import time

@@ -19,6 +19,7 @@ from benchmarks.tables.match_regions import (
 )
 from benchmarks.tables.scores import scores_table
 from benchmarks.tables.shoes_in_box import (
+    alpha_default_table,
     discrimination_table,
     failures_table,
     kinds_table,
@@ -36,7 +37,7 @@ DOCUMENTS: dict[str, dict[str, tuple[Callable[[], str], ...]]] = {
         "results of the earlier Table I": (earlier_table_1,),
         "results of Match Regions": (success_table, audit_table),
         "results of throughput": (throughput_table, shoes_throughput_table, pytorch_table),
-        "results of Table II": (table_2, kinds_table),
+        "results of Table II": (table_2, kinds_table, alpha_default_table),
         "results of variants": (variants_table,),
         "results of Shoes in Box": (discrimination_table, failures_table, subtasks_table),
         "results of policies on Shoes in Box": (policies_table,),

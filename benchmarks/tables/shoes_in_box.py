@@ -72,7 +72,27 @@ def _compared(found: Result) -> list[str]:
     return [f"{found['mean']:.3f}", interval(found, "{:.3f}"), shown]
 
 
+def alphas_table_of(result: Result) -> str:
+    """How ours tells successes from failures against alpha and temperature, on the episodes of tuning."""
+    columns = [
+        "temperature", "alpha", "rho", "AUROC of mean rewards", "AUROC, whole episodes",
+        "AUROC, whole episodes, discounted as by PPO", "seeds",
+    ]  # fmt: skip
+    groups: dict[tuple[float, float], list[Result]] = {}
+    for member in result["members"]:
+        groups.setdefault((member["temperature"], member["swept"]["pretrain.alpha"]), []).append(member["encoder"])
+    rows = []
+    for (temperature, alpha), audits in groups.items():
+        cuts = [audit["discrimination"] for audit in audits]
+        whole = [audit["trajectory_scores"]["successes_above"] for audit in audits]
+        cells = [spread([cut[name] for cut in cuts]) for name in ("rho", "auroc_per_step")]
+        cells += [spread([one[name] for one in whole]) for name in ("undiscounted", "discounted")]
+        rows.append([f"{temperature:g}", f"{alpha:g}", *cells, str(len(audits))])
+    return table(columns, rows, where(result))
+
+
 table_2 = of_result("table2")(table_2_of)
+alpha_default_table = of_result("alphas_shoes_in_box")(alphas_table_of)
 kinds_table = of_result("table2")(kinds_table_of)
 
 
