@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
+from graphrl_jax.task import TrainingSize
 from tasks.match_regions import geometry, layouts
 from tasks.match_regions.layouts import GREEN, NUM_TARGETS, Start, World
 from tasks.match_regions.model import ARENA_HALF
@@ -128,10 +129,19 @@ VARIANTS = {
 """Variants by name, combined as in MAGICAL."""
 
 
+# Where everything is anywhere, distractors lie in the way, and going around them takes longer to learn.
+_ANYWHERE = TrainingSize(
+    600,
+    {"activation": "swish", "policy_hidden": (256, 256), "value_hidden": (256, 256), "final_learning_rate": 5e-5},
+)
+
+
 def make(name: str, engine: str | None = None) -> MatchRegions:
     """The task with the starts of one of `VARIANTS`; registered as `match_regions_<name>`."""
     task = MatchRegions(VARIANTS[name], engine=engine)
     task.name = f"match_regions_{name}"
+    if VARIANTS[name].layout:
+        task.training_sizes = {"cpu": _ANYWHERE, "gpu": _ANYWHERE}
     return task
 
 

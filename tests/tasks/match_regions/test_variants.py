@@ -1,5 +1,7 @@
 """MAGICAL's variants: what differs between episodes, that nothing else does, and that one program plays them all."""
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -7,6 +9,7 @@ import pytest
 
 from graphrl_jax import demonstrations as demonstration_files
 from graphrl_jax.encoder.pooling import PoolingParams
+from graphrl_jax.experiment.settings import compose
 from graphrl_jax.registry import make_task, task_names
 from graphrl_jax.rl.wrappers import EnvironmentReward
 from graphrl_jax.runtime import jit_physics
@@ -190,3 +193,17 @@ def test_demonstrations_of_a_variant_carry_their_classes(tmp_path) -> None:
 def test_every_variant_is_a_registered_task() -> None:
     assert {f"match_regions_{name}" for name in variants.VARIANTS} <= set(task_names())
     assert make_task("match_regions_count_plus").layout == variants.VARIANTS["count_plus"]
+
+
+def test_policies_are_trained_longer_where_everything_is_anywhere() -> None:
+    longer = {
+        name
+        for name in variants.VARIANTS
+        if compose(variants.make(name)).updates > compose(make_task("match_regions")).updates
+    }
+    assert longer == {"layout", "count_plus", "all"}
+    settings = compose(variants.make("layout"))
+    assert settings.ppo_config.policy_hidden == (256, 256) and settings.ppo_config.activation == "swish"
+    assert compose(variants.make("layout"), preset="smoke") == replace(
+        compose(make_task("match_regions"), preset="smoke"), task="match_regions_layout"
+    )
