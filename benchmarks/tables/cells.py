@@ -95,3 +95,8 @@ def interval(found: Result, shown: str) -> str:
     """The bounds of `interval_95`, each in the format `shown`."""
     bounds = found["interval_95"]
     return " to ".join(map(shown.format, bounds)) if bounds else "one seed"
+
+
+def missing(result: Result, things: str) -> str:
+    """How many of the `things` that a whole table has are missing."""
+    return f"missing {things}: {len(result['missing']) or 'none'}"

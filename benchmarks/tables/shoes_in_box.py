@@ -1,7 +1,7 @@
 """Tables of Shoes in Box: Table II, discrimination by reward and by kind of failure, subtasks."""
 
 from benchmarks.rows import LEARNED
-from benchmarks.tables.cells import Result, interval, mean, of_result, spread, table, where
+from benchmarks.tables.cells import Result, interval, mean, missing, of_result, spread, table, where
 from graphrl_jax.experiment.methods import METHODS
 
 LEFT_OUT = {
@@ -41,9 +41,8 @@ def table_2_of(result: Result) -> str:
         order = spread([run["demonstrations"]["order_success"] for run in runs])
         compared = [cell for measure in (rho, auroc) for cell in _compared(measure[name])]
         rows.append([_label(name), *compared, order, str(len(runs))])
-    missing = result["missing"]
-    still = f"; {len(missing)} encoders are still missing" if missing else ""
-    return table(columns, rows, f"Interquartile means over seeds{still} {where(result)}")
+    below = f"Interquartile means over seeds; {missing(result, 'encoders')} {where(result)}"
+    return table(columns, rows, below)
 
 
 def kinds_table_of(result: Result) -> str:

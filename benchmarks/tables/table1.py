@@ -8,6 +8,7 @@ from benchmarks.tables.cells import (
     commit_of,
     interval,
     minutes_until,
+    missing,
     of_result,
     solved_in,
     spread_of_some,
@@ -39,8 +40,8 @@ def policies_of(result: Result) -> str:
         run["trained_at"] for found in result["grounds"].values() for row in found.values() for run in row["runs"]
     }
     below = (
-        f"Interquartile means over seeds; {result['episodes']} unseen episodes each; {_missing(result)}; policies of "
-        f"{_commits(commits)} {where(result)}"
+        f"Interquartile means over seeds; {result['episodes']} unseen episodes each; {missing(result, 'members')}; "
+        f"policies of {_commits(commits)} {where(result)}"
     )
     return table(columns, rows, below)
 
@@ -63,11 +64,6 @@ def _solved_after(run: Result, share: float) -> tuple[float | None, float | None
 
 def _steps_and_minutes(runs: Sequence[tuple[float | None, float | None]]) -> str:
     return "; ".join(map(spread_of_some, zip(*runs, strict=True)))
-
-
-def _missing(result: Result) -> str:
-    missing = result["missing"]
-    return f"{len(missing)} members are still missing" if missing else "no member is missing"
 
 
 def _commits(found: set[str | None]) -> str:

@@ -25,14 +25,14 @@ def test_rows_stand_in_order_and_say_how_soon_they_learned():
         "| never; never | 1 |"
     )
     assert "graph reward, w/o robot, the paper's way | **50.0%**" in lines[3] and "| never; never |" in lines[3]
-    assert "1 members are still missing; policies of commit abcdefg (cpu, commit 0123456;" in lines[-1]
+    assert "missing members: 1; policies of commit abcdefg (cpu, commit 0123456;" in lines[-1]
     assert table1.improvement_of(result) == ""
 
 
 def test_policies_of_several_commits_are_told():
     grounds = {"demo": {"graph": row(1.0, [0.2]), "env": row(0.9, [0.2], "0000000fff")}}
     result = {"grounds": grounds, "missing": [], "improvement": {}, **ABOUT}
-    assert "no member is missing; policies of commits 0000000, abcdefg" in table1.policies_of(result)
+    assert "missing members: none; policies of commits 0000000, abcdefg" in table1.policies_of(result)
 
 
 def test_the_comparison_names_grounds_and_interval():
