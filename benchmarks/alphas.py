@@ -69,8 +69,6 @@ class Options:
             out=self.folder, task=self.task, alphas=self.alphas, sweep=temperatures, seeds=self.seeds,
             first_seed=self.first_seed, updates=self.updates, encoders_only=self.encoders_only,
         )  # fmt: skip
-        if self.encoder_steps is None:
-            return new
         return replace(new, pretrain=replace(new.pretrain, steps=self.encoder_steps))
 
 

@@ -10,7 +10,9 @@ Only physics, by C MuJoCo, uses more than one core. So on paper, an update on c 
 and the c-th part of that of physics on one core. Writes cores.json and cores.png to `--out`'s folder.
 """
 
+import math
 import os
+import statistics
 import subprocess
 import sys
 from collections.abc import Mapping, Sequence
@@ -29,7 +31,7 @@ from benchmarks.checks import refuse_below
 from benchmarks.context import RESULTS, measured_on
 from benchmarks.figures import plain, save
 from benchmarks.throughput import random_reward
-from benchmarks.timing import in_turns, to_the_end
+from benchmarks.timing import in_turns
 from graphrl_jax.experiment import batching
 from graphrl_jax.experiment.environments import TrainingParams, training_environment_of
 from graphrl_jax.experiment.settings import compose
@@ -104,7 +106,8 @@ def side_by_side(options: Options) -> dict[str, float]:
     """Control steps per second of all policies together, by their number."""
     task = make_task("match_regions")
     num_envs = min(options.num_envs)
-    sizes = {"num_envs": num_envs, "unroll_length": options.steps, "num_minibatches": min(16, num_envs)}
+    minibatches = math.gcd(num_envs, compose(task, "graph").ppo_config.num_minibatches)
+    sizes = {"num_envs": num_envs, "unroll_length": options.steps, "num_minibatches": minibatches}
     settings = compose(task, "graph", ppo=sizes)
     calls = {}
     for count in options.members:
@@ -118,7 +121,7 @@ def side_by_side(options: Options) -> dict[str, float]:
         calls[count] = _Onward(partial(update(1), hyper, params), state)
     seconds = in_turns(calls, options.repeats)
     work = num_envs * options.steps
-    return {str(count): count * work / sorted(found)[len(found) // 2] for count, found in seconds.items()}
+    return {str(count): count * work / statistics.median(found) for count, found in seconds.items()}
 
 
 class _Onward:
@@ -128,7 +131,7 @@ class _Onward:
         self.update, self.state = update, state
 
     def __call__(self) -> None:
-        self.state = to_the_end(self.update, (self.state,))()[0]
+        self.state, _ = jax.block_until_ready(self.update(self.state))
 
 
 def figure(found: Mapping[str, Any], path: Path) -> None:

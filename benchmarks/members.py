@@ -4,7 +4,7 @@ What a folder holds already is used again: an interrupted member goes on, a judg
 """
 
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -25,6 +25,15 @@ def finished(path: Path) -> bool:
     return (path / "summary.json").exists()
 
 
+def within(members: Iterable[Row], budget_minutes: float | None) -> Iterator[Row]:
+    """Members in order, as long as the budget lasts; all without one."""
+    started = time.monotonic()
+    for member in members:
+        if budget_minutes is not None and (time.monotonic() - started) / 60 >= budget_minutes:
+            return
+        yield member
+
+
 def train_missing(wanted: Mapping[Path, Settings], benchmark: str, budget_minutes: float | None) -> None:
     """Trains members, or what is left of them, in order, as long as the budget lasts.
 
@@ -33,10 +42,8 @@ def train_missing(wanted: Mapping[Path, Settings], benchmark: str, budget_minute
       benchmark: module that asks for it.
       budget_minutes: no member is begun after so long; None for no limit.
     """
-    started = time.monotonic()
-    for path, settings in wanted.items():
-        late = budget_minutes is not None and (time.monotonic() - started) / 60 >= budget_minutes
-        if late or finished(path):
+    for path, settings in within(wanted.items(), budget_minutes):
+        if finished(path):
             continue
         if not path.exists():
             Run.start(path, settings)

@@ -12,7 +12,6 @@ seed of every row in turn. What is in `--out` already is used again. A budget of
 `missing` names those that the whole table still lacks.
 """
 
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -21,7 +20,7 @@ from typing import Any, Literal
 
 import tyro
 
-from benchmarks import members
+from benchmarks import members, rows
 from benchmarks.checks import refuse_unknown
 from benchmarks.context import RESULTS, measured_on
 from benchmarks.rows import IMAGES, LEARNED, OURS
@@ -85,7 +84,7 @@ class Options:
 
 def seeds_of(row: str) -> tuple[int, ...]:
     """Seeds of a row in the whole table."""
-    return tuple(range(3 if row == IMAGES else 5))
+    return tuple(range(rows.ROWS[ROWS[row][0]].seeds))
 
 
 def settings_of(task: ShoesInBox, row: str, preset: str, seed: int = 0) -> Settings:
@@ -111,12 +110,10 @@ def judged(task: ShoesInBox, row: str, seed: int, options: Options) -> Judged:
 
 def train_missing(task: ShoesInBox, options: Options) -> None:
     """Trains and judges encoders as long as the budget lasts."""
-    started = time.monotonic()
-    for row, seed in members.in_turn({row: options.seeds or seeds_of(row) for row in options.rows}):
-        late = options.budget_minutes is not None and (time.monotonic() - started) / 60 >= options.budget_minutes
-        if not late:
-            found = judged(task, row, seed, options)
-            print(row, seed, {cut: round(found[cut][name], 3) for cut, name in MEASURES}, flush=True)
+    wanted = members.in_turn({row: options.seeds or seeds_of(row) for row in options.rows})
+    for row, seed in members.within(wanted, options.budget_minutes):
+        found = judged(task, row, seed, options)
+        print(row, seed, {cut: round(found[cut][name], 3) for cut, name in MEASURES}, flush=True)
 
 
 def finished(task: ShoesInBox, options: Options, earlier: Sequence[Judged]) -> tuple[list[Judged], list[str]]:
