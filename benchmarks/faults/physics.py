@@ -13,8 +13,9 @@ import jax.numpy as jnp
 
 from graphrl_jax.encoder.pooling import PoolingParams
 from graphrl_jax.registry import make_task
+from graphrl_jax.rl.batch import vectorise
 from graphrl_jax.rl.config import PPOConfig
-from graphrl_jax.rl.wrappers import EnvironmentReward, vectorise
+from graphrl_jax.rl.wrappers import EnvironmentReward
 from graphrl_jax.runtime import jit_physics
 
 NUM_ENVS, CONTROL_STEPS, HELD = 512, 500, 10

@@ -4,6 +4,7 @@ Symbols: O observation size, A action size.
 """
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -11,7 +12,7 @@ import jax
 import jax.numpy as jnp
 from brax.training.acme import running_statistics
 from brax.training.agents.ppo import losses, networks
-from brax.training.networks import ACTIVATION
+from brax.training.networks import ACTIVATION, FeedForwardNetwork
 
 from graphrl_jax.rl.config import PPOConfig
 from graphrl_jax.rl.sets import SetParams, with_sets
@@ -33,9 +34,12 @@ def make_networks(config: PPOConfig, observation_size: int, action_size: int) ->
         activation=ACTIVATION[config.activation],
     )
     if config.policy == "set":
-        return with_sets(make, config, observation_size, _MAX_NORMALISED_OBSERVATION)
-    normalise = partial(running_statistics.normalize, max_abs_value=_MAX_NORMALISED_OBSERVATION)
-    return make(observation_size, preprocess_observations_fn=normalise)
+        made = with_sets(make, config, observation_size, _MAX_NORMALISED_OBSERVATION)
+    else:
+        normalise = partial(running_statistics.normalize, max_abs_value=_MAX_NORMALISED_OBSERVATION)
+        made = make(observation_size, preprocess_observations_fn=normalise)
+    flat = {name: _as_one_batch(getattr(made, name)) for name in ("policy_network", "value_network")}
+    return replace(made, **flat)
 
 
 def init_params(key: jax.Array, config: PPOConfig, observation_size: int, action_size: int) -> losses.PPONetworkParams:
@@ -54,6 +58,19 @@ def make_inference(config: PPOConfig, observation_size: int, action_size: int, d
         return make_policy(params, deterministic)(observation, key)[0]
 
     return act
+
+
+def _as_one_batch(network: FeedForwardNetwork) -> FeedForwardNetwork:
+    """The same network, which takes all leading axes of observations as one.
+
+    On a CPU the gradient of a product with two leading axes takes a quarter longer.
+    """
+
+    def apply(normalizer: Any, params: Any, observation: jax.Array) -> jax.Array:
+        output = network.apply(normalizer, params, observation.reshape(-1, observation.shape[-1]))
+        return output.reshape(*observation.shape[:-1], *output.shape[1:])
+
+    return replace(network, apply=apply)
 
 
 def _with_initial_std(params: Any, num_hidden: int, initial_std: jax.Array | float) -> Any:

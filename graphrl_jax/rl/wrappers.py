@@ -1,9 +1,10 @@
 """Environment wrappers: observe activity, replace the reward, limit the episode, decide seldom, reset automatically.
 
-Every wrapper is written for ONE environment; `vectorise` applies `jax.vmap` outside of them. The order is
+Every wrapper is written for ONE environment; `batch.vectorise` puts them together and applies `jax.vmap` outside of
+them. The order is
 
     task -> EnvironmentReward, GraphReward or ImageReward -> Nodes -> Episode -> Progress -> Decisions -> AutoReset
-    -> vmap
+    -> Batch
 
 Values that a wrapper keeps between steps are in `State.info` and are replaced at every reset. `State.metrics` holds the
 scalars of the last step; `AutoReset` copies them to `info["step_metrics"]` for the training loop.
@@ -16,7 +17,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from brax.envs.base import Env, State, Wrapper
-from brax.envs.wrappers.training import VmapWrapper
 
 from graphrl_jax.encoder.encoder import Seen
 from graphrl_jax.encoder.pooling import PoolingParams
@@ -296,8 +296,8 @@ class AutoReset(Wrapper):
     episode as if by the time limit, with reward 0 and metrics 0. Otherwise one such environment would spoil the
     parameters of all. Metric: `bad_envs`, 1 in such a step.
 
-    A new state is computed at every step and mostly discarded (a batched branch computes both sides), so the reset of
-    the wrapped environment has to be cheap.
+    One environment computes a new state at every step and mostly discards it (a batched branch computes both sides);
+    `batch.Batch` does not.
     """
 
     def reset(self, rng: jax.Array) -> State:
@@ -313,7 +313,8 @@ class AutoReset(Wrapper):
         """The next state of the episode; it is the last one if `done` is 1."""
         # A task may leave `done` unchanged, and keeps no metric that it does not know.
         known = {name: value for name, value in state.metrics.items() if name != "bad_envs"}
-        return _without_bad(self.env.step(state.replace(done=jnp.zeros_like(state.done), metrics=known), action))
+        state = _without_bad(self.env.step(state.replace(done=jnp.zeros_like(state.done), metrics=known), action))
+        return state.replace(info={**state.info, "step_metrics": state.metrics})
 
     def renew(self, state: State) -> State:
         """The first state of a new episode, with the results of the last one, if `done` is 1; else the same state."""
@@ -324,7 +325,7 @@ class AutoReset(Wrapper):
             return jax.tree.map(lambda a, b: jnp.where(state.done > 0, a, b), new, old)
 
         info = choose(fresh.info, {name: state.info[name] for name in fresh.info})
-        kept = {"reset_key": reset_key, "truncation": state.info["truncation"], "step_metrics": state.metrics}
+        kept = {"reset_key": reset_key} | {name: state.info[name] for name in ("truncation", "step_metrics")}
         return state.replace(
             pipeline_state=choose(fresh.pipeline_state, state.pipeline_state),
             obs=choose(fresh.obs, state.obs),
@@ -354,17 +355,7 @@ def _without_bad(state: State) -> State:
 
 def episodic(env: Env, config: PPOConfig) -> Env:
     """One environment with the configuration's time limit and decisions, and its own reward."""
-    return _deciding(_limited(env, config), config)
-
-
-def vectorise(env: Env, config: PPOConfig) -> Wrapper:
-    """The environment for a training loop: with time limit, progress, decisions, automatic reset and batch axis.
-
-    `reset` takes keys (B,) and `step` a batched state and actions (B, A).
-    """
-    limited = _limited(env, config)
-    paid = Progress(limited, config.patience, config.retreat) if config.progress else limited
-    return VmapWrapper(AutoReset(_deciding(paid, config)))
+    return deciding(limited(env, config), config)
 
 
 def observed(env: Env, config: PPOConfig) -> Env:
@@ -372,20 +363,11 @@ def observed(env: Env, config: PPOConfig) -> Env:
     return Nodes(env) if config.policy == "set" else env
 
 
-def _limited(env: Env, config: PPOConfig) -> Env:
+def limited(env: Env, config: PPOConfig) -> Env:
+    """One environment with the configuration's observation and time limit."""
     return Episode(observed(env, config), config.episode_length)
 
 
-def _deciding(env: Env, config: PPOConfig) -> Env:
+def deciding(env: Env, config: PPOConfig) -> Env:
+    """One environment with the configuration's steps per decision."""
     return env if config.decision_steps == 1 else Decisions(env, config.decision_steps)
-
-
-def stagger(state: State, key: jax.Array, config: PPOConfig) -> State:
-    """Draws a random step count for each environment, so that a batch of new episodes does not end all at once.
-
-    Meant for the first reset of a training run: its first episodes are cut short, later ones are whole.
-    """
-    steps = state.info["steps"]
-    decisions = config.episode_length // config.decision_steps
-    drawn = jax.random.randint(key, steps.shape, 0, decisions, dtype=steps.dtype)
-    return state.replace(info={**state.info, "steps": drawn * config.decision_steps})

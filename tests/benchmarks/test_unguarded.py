@@ -6,7 +6,7 @@ import numpy as np
 
 from benchmarks.unguarded import unguarded
 from graphrl_jax.optimizer import adam_init, adam_update
-from graphrl_jax.rl import wrappers
+from graphrl_jax.rl.batch import vectorise
 from graphrl_jax.rl.config import PPOConfig
 from tests.helpers.probe_environments import Probe, ProbeReward
 
@@ -26,7 +26,7 @@ def test_without_its_guard_a_gradient_that_is_not_finite_is_followed():
 
 
 def test_without_its_guard_a_state_that_is_not_finite_stays():
-    env = wrappers.vectorise(Probe(ProbeReward(constant=float("nan"), length=9.0)), CONFIG)
+    env = vectorise(Probe(ProbeReward(constant=float("nan"), length=9.0)), CONFIG)
     state = jax.jit(env.reset)(jax.random.split(jax.random.key(0), 2))
     action = jnp.zeros((2, 1))
     np.testing.assert_array_equal(jax.jit(env.step)(state, action).metrics["bad_envs"], 1)

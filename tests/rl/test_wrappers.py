@@ -10,6 +10,7 @@ import pytest
 from brax.envs.base import State
 
 from graphrl_jax.encoder.pooling import PoolingParams
+from graphrl_jax.rl.batch import vectorise
 from graphrl_jax.rl.config import PPOConfig
 from graphrl_jax.rl.wrappers import (
     AutoReset,
@@ -19,8 +20,6 @@ from graphrl_jax.rl.wrappers import (
     GraphReward,
     episodic,
     observed,
-    stagger,
-    vectorise,
 )
 from graphrl_jax.runtime import jit_physics
 from tests.helpers.probe_environments import CountingModel, SlidingBoxes
@@ -343,16 +342,6 @@ def test_one_step_per_decision_needs_no_wrapper():
     env = paid(SlidingBoxes(), "environment")
     assert isinstance(episodic(env, CONFIG), Episode)
     assert isinstance(episodic(env, replace(CONFIG, decision_steps=2)), Decisions)
-
-
-@pytest.mark.parametrize("steps, starts", [(1, range(10)), (5, (0, 5)), (10, (0,))])
-def test_staggered_starts_spread_over_the_episode(steps, starts):
-    nothing = jnp.zeros(200)
-    state = State(None, nothing, nothing, nothing, info={"steps": jnp.zeros(200, jnp.int32), "boxes": nothing})
-    info = stagger(state, jax.random.key(2), PPOConfig(episode_length=10, decision_steps=steps)).info
-    assert set(np.asarray(info["steps"])) == set(starts)
-    assert info["steps"].dtype == np.int32
-    assert info["boxes"] is nothing
 
 
 def test_resets_and_steps_use_no_key_twice():
