@@ -51,7 +51,7 @@ PRESETS: dict[str, Preset] = {
         pretrain_config={"graphs": PretrainConfig(), "images": _images(PixelConfig(), steps=1000)},
         # Two passes teach as much per step as four with as many gradient steps, and take half of the time for them.
         ppo_config=PPOConfig(num_envs=1024, num_epochs=2, num_minibatches=32),
-        updates=250,
+        updates=400,
         updates_per_chunk=10,
         episodes=256,
     ),
