@@ -129,13 +129,16 @@ class MatchRegionsEnv(Env):
         return state._replace(**dynamics._asdict())
 
     def fields(self, state: PhysicsState) -> Fields:
-        """Fields of the model in one episode: its forces, and no walls for absent blocks."""
+        """Fields of the model in one episode: its forces, and neither walls nor friction for absent blocks.
+
+        Nothing moves these, so friction would change nothing, but C MuJoCo would solve for it.
+        """
         if self.layout.fixed:
             return {}
         world = state.world
         drive, turn, finger, force, torque = world.strengths
         actuators = jnp.stack([drive, drive, turn, finger, finger])[:, None]
-        frictions = jnp.concatenate([jnp.ones(5), jnp.tile(jnp.stack([force, force, torque]), self.layout.blocks)])
+        frictions = jnp.append(jnp.ones(5), jnp.outer(world.present, jnp.stack([force, force, torque])))
         away = jnp.concatenate([jnp.zeros(5, bool), jnp.repeat(~world.present, 3)])
         model = self.mj_model
         return {
