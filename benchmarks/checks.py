@@ -1,6 +1,7 @@
 """What options of benchmarks are checked for."""
 
 from collections.abc import Collection, Iterable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -31,3 +32,13 @@ def refuse_unknown(option: str, names: Iterable[str], known: Collection[str]) ->
     for name in names:
         if name not in known:
             raise ValueError(f"{option} {name!r}; allowed: {', '.join(known)}")
+
+
+def refuse_no_checkout(option: str, folder: Path | None) -> None:
+    """Refuses a folder that does not hold this repository's sources.
+
+    Raises:
+      ValueError: the message names the option.
+    """
+    if folder is not None and not (folder / "graphrl_jax").is_dir():
+        raise ValueError(f"{option} {folder} has no folder graphrl_jax; allowed: a checkout of this repository")

@@ -18,6 +18,7 @@ from typing import Any
 
 import tyro
 
+from benchmarks.checks import refuse_no_checkout
 from benchmarks.context import RESULTS, measured_on
 from graphrl_jax.storage import read_json, write_json
 
@@ -40,10 +41,7 @@ class Options:
     out: Path = RESULTS / "compilation.json"
 
     def __post_init__(self) -> None:
-        if self.before is not None and not (self.before / "graphrl_jax").is_dir():
-            raise ValueError(
-                f"--before {self.before} has no folder graphrl_jax; allowed: a checkout of this repository"
-            )
+        refuse_no_checkout("--before", self.before)
 
 
 def by_program(log: str) -> dict[str, float]:

@@ -1,6 +1,7 @@
 """Steps per second of training, beside the physics that it cannot do without.
 
     python -m benchmarks.throughput [--task shoes_in_box] [--engines mjx mujoco] [--num-envs 1 32 1024] [--repeats 11]
+                                    [--before ../earlier]
 
 In one process, on the same batches and starts, in control steps per second:
 
@@ -19,14 +20,20 @@ programs of all engines take turns, so that whatever else the machine does weigh
 ratios of the medians; here a few hundredths are noise. Memory is what the compiled program asks for; the engine
 `mujoco` keeps its own beside it. Compile times are those of a first run only if the compilation cache is empty
 ($JAX_COMPILATION_CACHE_DIR).
+
+`--before` is a folder with the sources of an earlier commit, on which this file is run first, in a process of its own.
 """
 
 import math
+import os
 import statistics
+import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Literal
 
 import jax
@@ -37,7 +44,7 @@ from matplotlib.figure import Figure
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.checks import refuse_below, refuse_unknown
+from benchmarks.checks import refuse_below, refuse_no_checkout, refuse_unknown
 from benchmarks.context import RESULTS, measured_on
 from benchmarks.figures import plain, save
 from benchmarks.tables.costs import LABELS, by_engine, label
@@ -54,7 +61,7 @@ from graphrl_jax.reward.model import RewardModel
 from graphrl_jax.rl import ppo
 from graphrl_jax.rl.wrappers import EnvironmentReward, GraphReward
 from graphrl_jax.runtime import configure, default_preset, jit_physics
-from graphrl_jax.storage import write_json
+from graphrl_jax.storage import read_json, write_json
 from graphrl_jax.task import Task
 from tasks.engine import Dynamics, default_engine
 
@@ -68,25 +75,28 @@ class Options:
     """Throughput of physics, environment and training, in control steps per second.
 
     Attributes:
-      task: match_regions or shoes_in_box.
+      task: match_regions, match_regions_layout or shoes_in_box.
       engines: physics engines, compared with the first one; the device's default if left out.
       programs: what is measured besides physics.
       num_envs: environments stepped together; each batch is measured.
       steps: the policy's decisions per call, PPO's unroll length.
       repeats: timed calls of each program; the median counts.
-      out: where the numbers go; a plot lies beside them. benchmarks/results/throughput[_shoes_in_box].json if left out.
+      before: folder of earlier sources.
+      out: where the numbers go; a plot lies beside them. benchmarks/results/throughput[_TASK].json if left out.
     """
 
-    task: Literal["match_regions", "shoes_in_box"] = "match_regions"
+    task: Literal["match_regions", "match_regions_layout", "shoes_in_box"] = "match_regions"
     engines: tuple[str, ...] = ()
     programs: tuple[str, ...] = tuple(name for name in LABELS if name != "unguarded")
     num_envs: tuple[int, ...] = (1, 32, 1024)
     steps: int = 16
     repeats: int = 11
+    before: Path | None = None
     out: Path | None = None
 
     def __post_init__(self) -> None:
         refuse_below(self, num_envs=1, steps=1, repeats=1)
+        refuse_no_checkout("--before", self.before)
         refuse_unknown("--engines", self.engines, ENGINES)
         refuse_unknown("--programs", self.programs, LABELS)
 
@@ -239,9 +249,24 @@ def figure(batches: list[dict[str, Any]], path: Path) -> None:
     save(drawn, path)
 
 
+def measured_before(sources: Path, options: Options) -> dict[str, Any]:
+    """What this file measures on earlier sources."""
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "throughput.json"
+        command = [sys.executable, str(Path(__file__).absolute()), "--task", options.task, "--out", str(out)]
+        lists = {"engines": options.engines, "programs": options.programs, "num-envs": options.num_envs}
+        for name, values in lists.items():
+            command += [f"--{name}", *map(str, values)] if values else []
+        command += ["--steps", str(options.steps), "--repeats", str(options.repeats)]
+        environment = {**os.environ, "PYTHONPATH": str(sources.absolute())}
+        subprocess.run(command, cwd=sources, env=environment, check=True)
+        return read_json(out)
+
+
 def main() -> None:
     """Measures, prints the table and writes JSON and plot, after every batch."""
     options = tyro.cli(Options, description=__doc__)
+    before = measured_before(options.before, options) if options.before else None
     process_log = configure()
     where = measured_on("throughput")  # before anything else loads the machine
     end = "" if options.task == "match_regions" else f"_{options.task}"
@@ -266,6 +291,8 @@ def main() -> None:
             "compilation_cache": process_log.cache,
             **where,
         }
+        if before:
+            context["before"] = before
         write_json(out, {"batches": batches, **context})
         figure(batches, out.with_suffix(".png"))
         _print(batches[-1], context)

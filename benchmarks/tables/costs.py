@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from benchmarks.tables.cells import Result, of_result, table, where
+from benchmarks.tables.cells import Result, commit, of_result, table, where
 
 LABELS = {
     "physics": "bare {step}, same scene and sub-steps",
@@ -15,6 +15,12 @@ LABELS = {
     "unguarded": "PPO, learned reward, no guards",
 }
 """Of the programs of `benchmarks.throughput`."""
+TASKS = {
+    "match_regions": "Match Regions",
+    "match_regions_layout": "Match Regions, layout",
+    "shoes_in_box": "Shoes in Box",
+}
+"""Of `benchmarks.throughput`."""
 _STEPS = {"mjx": "`mjx.step`", "mujoco": "`mujoco.batch`", "warp": "`mjx.step` in Warp"}
 
 
@@ -33,17 +39,26 @@ def throughput_of(result: Result) -> str:
     """Steps per second of training beside bare physics, and the ratios."""
     batches = [by_engine(batch) for batch in result["batches"]]
     sizes = [str(batch["num_envs"]) for batch in result["batches"]]
-    task = "" if result["task"] == "match_regions" else "Shoes in Box: "
-    columns = [f"{task}control steps/s (share of bare physics), by environments", *sizes, "compile (s)", "memory (MiB)"]
+    columns = [
+        f"{TASKS[result['task']]}: control steps/s (share of bare physics), by environments",
+        *sizes,
+        "compile (s)",
+        "memory (MiB)",
+    ]
     rows = []
     for engine, largest in batches[-1].items():
         for name in largest["steps_per_second"]:
             found = [batch[engine] for batch in batches]
-            cells = [f"{one['steps_per_second'][name]:,.0f} ({one['of_physics'][name]:.2f})" for one in found]
+            cells = [_rate(one, name) for one in found]
             costs = f"{largest['compile_s'][name]:.0f}", f"{largest['memory_mib'][name]:,.0f}"
             rows.append([label(name, engine, len(batches[-1]) > 1), *cells, *costs])
     below = f"Compile time and memory with most environments {where(result)}"
     return table(columns, rows + _ratios(result["batches"]), below)
+
+
+def _rate(found: dict[str, Any], program: str) -> str:
+    """Steps per second of a program of one engine, and its share of bare physics."""
+    return f"{found['steps_per_second'][program]:,.0f} ({found['of_physics'][program]:.2f})"
 
 
 def _ratios(batches: list[dict[str, Any]]) -> list[list[str]]:
@@ -60,7 +75,27 @@ def _ratio(batch: dict[str, Any], engine: str) -> str:
     return f"{batch['of_first_engine'][engine]['ppo_graph']:.2f}"
 
 
+def speedup_of(result: Result) -> str:
+    """Steps per second and shares of bare physics of an earlier commit, and now, with most environments."""
+    if "before" not in result:
+        return ""
+    earlier = result["before"]
+    before, now = (by_engine(found["batches"][-1]) for found in (earlier, result))
+    rows = []
+    for engine in now:
+        for name, rate in now[engine]["steps_per_second"].items():
+            cells = [_rate(one[engine], name) for one in (before, now)]
+            faster = rate / before[engine]["steps_per_second"][name]
+            rows.append([label(name, engine, len(now) > 1), *cells, f"{faster:.2f}"])
+    first = f"{TASKS[result['task']]}: control steps/s (share of bare physics)"
+    columns = [first, f"commit {commit(earlier)}", f"commit {commit(result)}", "times as fast"]
+    below = f"{result['batches'][-1]['num_envs']} environments, one commit after the other {where(result)}"
+    return table(columns, rows, below)
+
+
 throughput_table = of_result("throughput")(throughput_of)
+speedup_table = of_result("throughput")(speedup_of)
+layout_speedup_table = of_result("throughput_match_regions_layout")(speedup_of)
 shoes_throughput_table = of_result("throughput_shoes_in_box")(throughput_of)
 
 

@@ -4,7 +4,14 @@ from collections.abc import Callable
 
 from benchmarks.tables.cells import ROOT
 from benchmarks.tables.compilation import compilation_table
-from benchmarks.tables.costs import pytorch_table, shoes_throughput_table, sweeps_table, throughput_table
+from benchmarks.tables.costs import (
+    layout_speedup_table,
+    pytorch_table,
+    shoes_throughput_table,
+    speedup_table,
+    sweeps_table,
+    throughput_table,
+)
 from benchmarks.tables.faults import faults_table
 from benchmarks.tables.first_run import first_run_table
 from benchmarks.tables.human import fidelity_table, human_table
@@ -36,7 +43,13 @@ DOCUMENTS: dict[str, dict[str, tuple[Callable[[], str], ...]]] = {
         "results of Table I": (table_1, improvement_table),
         "results of the earlier Table I": (earlier_table_1,),
         "results of Match Regions": (success_table, audit_table),
-        "results of throughput": (throughput_table, shoes_throughput_table, pytorch_table),
+        "results of throughput": (
+            throughput_table,
+            shoes_throughput_table,
+            speedup_table,
+            layout_speedup_table,
+            pytorch_table,
+        ),
         "results of Table II": (table_2, kinds_table, alpha_default_table),
         "results of variants": (variants_table,),
         "results of Shoes in Box": (discrimination_table, failures_table, subtasks_table),

@@ -3,6 +3,7 @@
 import os
 import shlex
 import subprocess
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -40,6 +41,8 @@ def test_empty_batches_and_unknown_names_are_refused():
         throughput.Options(num_envs=(4, 0))
     with pytest.raises(ValueError, match="--engines 'bullet'; allowed: mjx, mujoco, warp"):
         throughput.Options(engines=("mjx", "bullet"))
+    with pytest.raises(ValueError, match="--before tests has no folder graphrl_jax"):
+        throughput.Options(before=Path("tests"))
     with pytest.raises(ValueError, match="--programs 'ppo'; allowed: physics, environment"):
         throughput.Options(programs=("ppo",))
 
@@ -53,6 +56,23 @@ def test_bare_physics_moves_the_bodies_and_nothing_else(task):
     kept = [name for name in states._fields if name not in ("qpos", "qvel", "warmstart")]
     for name in kept:
         jax.tree.map(np.testing.assert_array_equal, getattr(after, name), getattr(states, name))
+
+
+def test_earlier_sources_are_measured_alike(monkeypatch, tmp_path):
+    options = throughput.Options(engines=("mujoco",), programs=("ppo_env",), num_envs=(2, 4), steps=3, repeats=5)
+    calls = []
+
+    def run(command: list[str], cwd: Path, env: dict[str, str], check: bool) -> None:
+        calls.append((command, cwd, env))
+        Path(command[command.index("--out") + 1]).write_text('{"batches": []}')
+
+    monkeypatch.setattr(throughput.subprocess, "run", run)
+    assert throughput.measured_before(tmp_path, options) == {"batches": []}
+    ((command, cwd, env),) = calls
+    assert cwd == tmp_path and env["PYTHONPATH"] == str(tmp_path) and command[1] == throughput.__file__
+    out = command.index("--out")
+    again = tyro.cli(throughput.Options, args=command[2:out] + command[out + 2 :])
+    assert again == options
 
 
 def test_ppo_is_that_of_the_task(monkeypatch):

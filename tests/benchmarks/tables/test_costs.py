@@ -14,7 +14,9 @@ RATIOS = {"mujoco": {"physics": 3.0, "ppo_graph": 2.5}}
 
 def test_a_file_of_mjx_alone_is_read():
     text = costs.throughput_of({"batches": [{"num_envs": 4, **MEASURED}], **ABOUT, "task": "match_regions"})
-    assert text.splitlines()[0].startswith("| control steps/s (share of bare physics), by environments | 4 |")
+    assert text.splitlines()[0].startswith(
+        "| Match Regions: control steps/s (share of bare physics), by environments | 4 |"
+    )
     assert "| bare `mjx.step`, same scene and sub-steps | 200 (1.00) | 1 | 3 |" in text
     assert "| PPO, learned reward | 100 (0.50) | 2 | 4 |" in text
 
@@ -25,3 +27,13 @@ def test_engines_stand_beside_each_other_with_their_ratio():
     assert text.startswith("| Shoes in Box: control steps/s")
     assert "| mujoco: bare `mujoco.batch`, same scene and sub-steps | 200 (1.00) | 200 (1.00) | 1 | 3 |" in text
     assert "| PPO, learned reward: mujoco / mjx | 2.50 | 2.50 | | |" in text
+
+
+def test_an_earlier_commit_stands_beside_the_present_one():
+    slower = {**MEASURED, "steps_per_second": {"physics": 200.0, "ppo_graph": 80.0}}
+    before, now = ([{"num_envs": 4, "engines": {"mujoco": one}, "of_first_engine": {}}] for one in (slower, MEASURED))
+    earlier = {**ABOUT, "batches": before, "commit": "9876543210"}
+    text = costs.speedup_of({**ABOUT, "batches": now, "before": earlier})
+    assert "| commit 9876543 | commit 0123456 | times as fast |" in text
+    assert "| PPO, learned reward | 80 (0.50) | 100 (0.50) | 1.25 |" in text
+    assert costs.speedup_of({**ABOUT, "batches": now}) == ""
