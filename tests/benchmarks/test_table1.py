@@ -47,6 +47,15 @@ def test_members_take_turns_by_seed():
     assert table1.planned(table1.Options(rows=("env",), seeds=(8,))) == [("demo", "env", 8), ("layout", "env", 8)]
 
 
+@pytest.mark.parametrize("asked, updates", [({}, [400, 600]), ({"preset": "smoke"}, [4, 4]), ({"updates": 3}, [3, 3])])
+def test_policies_have_fewer_updates_on_layout(monkeypatch, tmp_path, asked, updates):
+    found = {}
+    monkeypatch.setattr(table1.members, "train_missing", lambda wanted, *_: found.update(wanted))
+    table1.train_missing(table1.Options(rows=("env",), seeds=(10,), runs=tmp_path, **asked))
+    assert [settings.updates for settings in found.values()] == updates
+    assert [settings.task for settings in found.values()] == ["match_regions", "match_regions_layout"]
+
+
 def test_earlier_members_count_if_their_episodes_are_the_same(tmp_path):
     options, path = table1.Options(), tmp_path / "table1.json"
     new = {"demo": {"graph": [run(11, 0.5, 0.2)]}}
