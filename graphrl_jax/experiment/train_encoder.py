@@ -13,7 +13,7 @@ from graphrl_jax.demonstrations import Demonstrations, drawn_share
 from graphrl_jax.experiment import batching, sharding
 from graphrl_jax.experiment.keys import RunStage, stage_key
 from graphrl_jax.experiment.run_directory import Run
-from graphrl_jax.pretrain import trainer
+from graphrl_jax.pretrain import tcc, trainer
 from graphrl_jax.pretrain.config import PretrainConfig, PretrainHyper
 from graphrl_jax.pretrain.trainer import DrawBoxes, PretrainData, PretrainState
 from graphrl_jax.progress import Progress
@@ -31,6 +31,8 @@ from graphrl_jax.rl.ppo import as_float32
 ENDS_SHARE, END_MARGIN = 0.95, 0.1
 """A recording looks like success if its reward ends above that of this share of the successes, less this margin. Those
 held out count as well: they tell how recordings end that the encoder has not seen."""
+AS_ONE_POINT = 0.95
+"""An encoder whose last TCC is above this share of that of one point has learned nothing."""
 FITTED_SHARE = 0.75
 """Share of the successes that an encoder is trained on; the rest is held out."""
 
@@ -101,9 +103,23 @@ def train_encoders(
     seconds = time.perf_counter() - started
     trained = []
     for job, one, state in zip(jobs, inputs, states, strict=True):
+        if job.hyper.tcc_weight:
+            _warn_of_one_point(job, config, progress)
         model = _fit_reward(job, config, one.data, state)
         trained.append((model, {**encoder_metrics(model, job.split[1]), "pretrain_s": seconds}))
     return trained
+
+
+def _warn_of_one_point(job: EncoderJob, config: PretrainConfig, progress: Progress) -> None:
+    """Says so if an encoder ended where all frames are one point, for then its reward means nothing."""
+    (*_, last) = job.run.records("pretrain")
+    least = float(tcc.loss_of_one_point(config.num_frames, config.tcc_loss))
+    if last["tcc"] > AS_ONE_POINT * least:
+        progress.note(
+            f"warning: {job.run.path.name} maps all frames to nearly one point, so its reward means nothing: its TCC is"
+            f" {last['tcc']:.4f}, that of one point {least:.4f}; try a smaller --pretrain.temperature, more"
+            " --pretrain.steps or other demonstrations"
+        )
 
 
 def _inputs(job: EncoderJob, config: PretrainConfig, draw: DrawBoxes | None) -> _Inputs:

@@ -144,3 +144,14 @@ def tcc_loss(
     present = jnp.any(mask, axis=-1)
     pairs = present[:, None] & present[None, :] & ~jnp.eye(mask.shape[0], dtype=bool)
     return jnp.sum(jnp.where(pairs, losses, 0.0)) / jnp.maximum(jnp.sum(pairs.astype(jnp.float32)), 1.0)
+
+
+def loss_of_one_point(num_frames: int, loss: TCCLoss = "regression_mse") -> jax.Array:
+    """The TCC of an encoder that maps all frames to one point: about 1/12 for `regression_mse`. It is a saddle point.
+
+    Args:
+      num_frames: T, frames per sequence.
+      loss: see `cycle_loss`.
+    """
+    times = jnp.broadcast_to(jnp.arange(num_frames) / num_frames, (2, num_frames))
+    return tcc_loss(jnp.zeros((2, num_frames, 1)), jnp.ones_like(times, bool), times, 1.0, loss)

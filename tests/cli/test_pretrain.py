@@ -18,6 +18,14 @@ from tests.helpers.commands import call, rejected
 pytestmark = pytest.mark.usefixtures("outside_package")
 
 
+def test_an_encoder_that_tells_no_frames_apart_is_told_of(capsys, demos_file, tmp_path):
+    for temperature, said in (("1e6", True), ("0.01", False)):
+        asked = ("--steps", 40, "--pretrain.temperature", temperature)
+        call(cli.main, "pretrain", "--demos", demos_file, "--out", tmp_path / temperature, *asked)
+        warning = f"warning: {temperature} maps all frames to nearly one point, so its reward means nothing"
+        assert (warning in capsys.readouterr().err.replace("\n", " ")) == said
+
+
 def test_an_encoder_alone_is_trained_and_audited(capsys, demos_file, tmp_path):
     out = tmp_path / "encoder"
     call(cli.main, "pretrain", "--demos", demos_file, "--out", out, "--steps", 20)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from graphrl_jax.pretrain.config import TCC_LOSSES
-from graphrl_jax.pretrain.tcc import cycle_loss, tcc_loss
+from graphrl_jax.pretrain.tcc import cycle_loss, loss_of_one_point, tcc_loss
 
 PAIR = jax.jit(cycle_loss, static_argnames="loss")
 BATCH = jax.jit(tcc_loss, static_argnames="loss")
@@ -132,3 +132,10 @@ def test_an_unknown_loss_lists_the_known_ones():
     embeddings, mask, times, _ = padded_sequences()
     with pytest.raises(ValueError, match="the TCC loss is 'mse'; allowed: regression_mse, .*classif"):
         tcc_loss(embeddings, mask, times, 1.0, "mse")
+
+
+def test_the_loss_of_one_point_is_the_spread_of_times():
+    assert loss_of_one_point(40) == pytest.approx((1 - 1 / 40**2) / 12, rel=1e-4)
+    assert loss_of_one_point(2) == pytest.approx(1 / 16)
+    # Each frame is as likely as any other.
+    assert loss_of_one_point(5, "classification") == pytest.approx(0.9 * np.log(5) + 0.1 * 5 / 4 * np.log(5), rel=1e-5)
