@@ -53,6 +53,7 @@ def test_demo_is_the_demonstrations_scene(starts: dict[str, layouts.Start]) -> N
         ("colour", {"colours", "region_colour"}),
         ("shape", {"shapes"}),
         ("layout", {"region"}),
+        ("count", {"region", "present", "strengths"}),
         ("count_plus", {"colours", "region_colour", "shapes", "region", "present"}),
         ("dynamics", {"strengths"}),
         ("all", {"colours", "region_colour", "shapes", "region", "present", "strengths"}),
@@ -201,9 +202,10 @@ def test_policies_are_trained_longer_where_everything_is_anywhere() -> None:
         for name in variants.VARIANTS
         if compose(variants.make(name)).updates > compose(make_task("match_regions")).updates
     }
-    assert longer == {"layout", "count_plus", "all"}
+    assert longer == {"layout", "count", "count_plus", "all"}
     settings = compose(variants.make("layout"))
     assert settings.ppo_config.policy_hidden == (256, 256) and settings.ppo_config.activation == "swish"
+    assert compose(variants.make("count"), "graph").pretrain.temperature == 0.001
     assert compose(variants.make("layout"), preset="smoke") == replace(
         compose(make_task("match_regions"), preset="smoke"), task="match_regions_layout"
     )
