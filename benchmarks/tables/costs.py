@@ -133,3 +133,33 @@ def sweeps_table(result: Result) -> str:
              f"{(together - one) / (alone - many):.2f}", f"{one:.0f}, {many:.0f}", f"{found['largest_difference']:.1e}"]
         )  # fmt: skip
     return table(columns, rows, where(result))
+
+
+def cores_of(result: Result) -> str:
+    """What an update costs by cores and environments, and where its time goes."""
+    parts = list(result["cores"]["1"][-1]["microseconds"])
+    columns = ["cores", "environments", "bare physics (steps/s)", "PPO (steps/s)", "memory (MiB)",
+               *(f"{part} (share of time)" for part in parts)]  # fmt: skip
+    rows = []
+    for cores, batches in result["cores"].items():
+        for batch in batches:
+            spent = batch["microseconds"]
+            shares = [f"{spent[part] / sum(spent.values()):.2f}" for part in parts]
+            rates = [f"{batch[name]:,.0f}" for name in ("physics", "ppo_graph")]
+            rows.append([cores, str(batch["num_envs"]), *rates, f"{batch['memory_mib']:,.0f}", *shares])
+    return table(columns, rows, f"PPO with the learned reward {where(result)}")
+
+
+def scale_of(result: Result) -> str:
+    """Steps per second of PPO on more cores, on paper, and of several policies in one program, measured."""
+    paper, members = result["on_paper"], result["members"]
+    most = result["cores"]["1"][-1]["num_envs"]
+    first = f"cores, on paper, with {most} environments"
+    cores = table([first, *paper], [["PPO (steps/s)", *(f"{rate:,.0f}" for rate in paper.values())]])
+    label = f"policies in one program, {result['members_num_envs']} environments each"
+    rates = [["PPO, all together (steps/s)", *(f"{rate:,.0f}" for rate in members.values())]]
+    return f"{cores}\n\n{table([label, *members], rates)}"
+
+
+cores_table = of_result("cores")(cores_of)
+scale_table = of_result("cores")(scale_of)

@@ -5,8 +5,10 @@ from collections.abc import Callable
 from benchmarks.tables.cells import ROOT
 from benchmarks.tables.compilation import compilation_table
 from benchmarks.tables.costs import (
+    cores_table,
     layout_speedup_table,
     pytorch_table,
+    scale_table,
     shoes_throughput_table,
     speedup_table,
     sweeps_table,
@@ -50,6 +52,7 @@ DOCUMENTS: dict[str, dict[str, tuple[Callable[[], str], ...]]] = {
             layout_speedup_table,
             pytorch_table,
         ),
+        "results of cores": (cores_table, scale_table),
         "results of Table II": (table_2, kinds_table, alpha_default_table),
         "results of variants": (variants_table,),
         "results of Shoes in Box": (discrimination_table, failures_table, subtasks_table),

@@ -157,4 +157,6 @@ def make(name: str, engine: str | None = None) -> MatchRegions:
     return task
 
 
-demo, jitter, colour, shape, layout, count, count_plus, dynamics, everything = (partial(make, name) for name in VARIANTS)
+demo, jitter, colour, shape, layout, count, count_plus, dynamics, everything = (
+    partial(make, name) for name in VARIANTS
+)

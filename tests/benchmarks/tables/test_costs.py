@@ -37,3 +37,16 @@ def test_an_earlier_commit_stands_beside_the_present_one():
     assert "| commit 9876543 | commit 0123456 | times as fast |" in text
     assert "| PPO, learned reward | 80 (0.50) | 100 (0.50) | 1.25 |" in text
     assert costs.speedup_of({**ABOUT, "batches": now}) == ""
+
+
+def test_scale_is_told_by_cores_environments_and_members():
+    batch = {"num_envs": 64, "physics": 200.0, "ppo_graph": 100.0, "memory_mib": 7.0,
+             "microseconds": {"physics": 6000.0, "gradient steps": 2000.0}}  # fmt: skip
+    result = {**ABOUT, "cores": {"1": [batch], "2": [batch]}, "on_paper": {"1": 100.0, "4": 250.0},
+              "members": {"1": 10.0, "2": 15.0}, "members_num_envs": 64}  # fmt: skip
+    rows = costs.cores_of(result).splitlines()
+    assert rows[0].endswith("| memory (MiB) | physics (share of time) | gradient steps (share of time) |")
+    assert rows[2:4] == [f"| {cores} | 64 | 200 | 100 | 7 | 0.75 | 0.25 |" for cores in (1, 2)]
+    scale = costs.scale_of(result)
+    assert "| cores, on paper, with 64 environments | 1 | 4 |" in scale and "| PPO (steps/s) | 100 | 250 |" in scale
+    assert "| PPO, all together (steps/s) | 10 | 15 |" in scale
