@@ -46,6 +46,8 @@ GROUNDS = {"demo": "match_regions", "layout": "match_regions_layout"}
 """Tasks: poses shifted by up to 0.03, and everything anywhere."""
 UPDATES = {"cpu": {"layout": 600}}
 """Policy updates by preset and ground, where they are not the task's: 102 members of 1500 would take days."""
+TUNED = {"demo": "table1", "layout": "table1_layout"}
+"""Tables of `benchmarks.tuning` by ground."""
 KEPT = ("env_steps", "train_steps_per_s", "wall_s", "resumed", "reward", "training_seed", "device")
 EPISODES = {"smoke": 16, "cpu": 256, "gpu": 256}
 MEASURES = ("success_rate", "area")
@@ -118,7 +120,11 @@ def train_missing(options: Options) -> None:
     wanted = {}
     for ground, name, seed in planned(options):
         row = ROWS[name]
-        floats = {**chosen("table1", name), **row.floats}
+        tuned = chosen(TUNED[ground], name)
+        if row.learned and not tuned and options.preset != "smoke":
+            asked = f"python -m benchmarks.tuning --tables {TUNED[ground]} --rows {name}"
+            raise ValueError(f"row {name} is not tuned on {ground}; run first: {asked}")
+        floats = {**tuned, **row.floats}
         updates = options.updates or UPDATES.get(options.preset, {}).get(ground)
         wanted[options.folder / ground / f"{name}_{seed}"] = compose(
             tasks[ground], row.method, options.preset, seed, updates=updates, engine=engine, pretrain=floats

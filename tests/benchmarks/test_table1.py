@@ -1,5 +1,7 @@
 """Table I: what it is made of."""
 
+from dataclasses import replace
+
 import pytest
 
 from benchmarks import rows, table1
@@ -54,6 +56,17 @@ def test_policies_have_fewer_updates_on_layout(monkeypatch, tmp_path, asked, upd
     table1.train_missing(table1.Options(rows=("env",), seeds=(10,), runs=tmp_path, **asked))
     assert [settings.updates for settings in found.values()] == updates
     assert [settings.task for settings in found.values()] == ["match_regions", "match_regions_layout"]
+
+
+def test_learned_rows_have_to_be_tuned_on_their_ground(monkeypatch, tmp_path):
+    monkeypatch.setattr(table1, "chosen", lambda table, row: {} if table == "table1_layout" else {"temperature": 1.0})
+    found = {}
+    monkeypatch.setattr(table1.members, "train_missing", lambda wanted, *_: found.update(wanted))
+    asked = table1.Options(rows=("graph",), seeds=(10,), runs=tmp_path, grounds=("demo",))
+    table1.train_missing(asked)
+    assert [settings.pretrain.temperature for settings in found.values()] == [1.0]
+    with pytest.raises(ValueError, match="row graph is not tuned on layout; run first: .* table1_layout --rows graph"):
+        table1.train_missing(replace(asked, grounds=("layout",)))
 
 
 def test_earlier_members_count_if_their_episodes_are_the_same(tmp_path):

@@ -31,14 +31,15 @@ def test_every_row_is_tried_with_its_own_floats_and_the_same_settings(tmp_path, 
     asked = []
     monkeypatch.setattr(members, "finish_sweep", asked.append)
     options = tuning.Options(sweeps=tmp_path, encoder_steps=300)
-    for table, row in (("table1", "graph"), ("table1", "xirl_paper"), ("table2", "graphirl")):
+    rows = (("table1", "graph"), ("table1_layout", "xirl_paper"), ("table2", "graphirl"))
+    for table, row in rows:
         assert tuning.swept(table, row, options) == tmp_path / table / row
     graph, paper, shoes = asked
-    assert (graph.task, paper.task, shoes.task) == ("match_regions", "match_regions", "shoes_in_box")
+    assert (graph.task, paper.task, shoes.task) == ("match_regions", "match_regions_layout", "shoes_in_box")
     assert (graph.reward, paper.reward, shoes.reward) == ("graph", "xirl", "graphirl")
     assert all(one.sweep == tuning.SWEPT and one.first_seed == tuning.SEED and one.encoders_only for one in asked)
     assert (graph.pretrain.steps, paper.pretrain.rearranged, paper.pretrain.even) == (300, 0.0, 0.0)
     with pytest.raises(ValueError, match="--rows 'env'; allowed: graph, graph_paper"):
         tuning.Options(rows=("env",))
-    with pytest.raises(ValueError, match="--tables 'table3'; allowed: table1, table2"):
+    with pytest.raises(ValueError, match="--tables 'table3'; allowed: table1, table1_layout, table2"):
         tuning.Options(tables=("table3",))
