@@ -21,7 +21,7 @@ ratios of the medians; here a few hundredths are noise. Memory is what the compi
 `mujoco` keeps its own beside it. Compile times are those of a first run only if the compilation cache is empty
 ($JAX_COMPILATION_CACHE_DIR).
 
-`--before` is a folder with the sources of an earlier commit, on which this file is run first, in a process of its own.
+`--before` is a folder with the sources of an earlier commit, on which this is run first, in a process of its own.
 """
 
 import math
@@ -250,16 +250,19 @@ def figure(batches: list[dict[str, Any]], path: Path) -> None:
 
 
 def measured_before(sources: Path, options: Options) -> dict[str, Any]:
-    """What this file measures on earlier sources."""
+    """What this benchmark measures on earlier sources."""
     with TemporaryDirectory() as folder:
-        out = Path(folder) / "throughput.json"
-        command = [sys.executable, str(Path(__file__).absolute()), "--task", options.task, "--out", str(out)]
+        mixed = Path(folder)
+        (mixed / "benchmarks").symlink_to(Path(__file__).absolute().parent)
+        for package in ("graphrl_jax", "tasks"):
+            (mixed / package).symlink_to((sources / package).absolute())
+        out = mixed / "throughput.json"
+        command = [sys.executable, "-m", "benchmarks.throughput", "--task", options.task, "--out", str(out)]
         lists = {"engines": options.engines, "programs": options.programs, "num-envs": options.num_envs}
         for name, values in lists.items():
             command += [f"--{name}", *map(str, values)] if values else []
         command += ["--steps", str(options.steps), "--repeats", str(options.repeats)]
-        environment = {**os.environ, "PYTHONPATH": str(sources.absolute())}
-        subprocess.run(command, cwd=sources, env=environment, check=True)
+        subprocess.run(command, cwd=mixed, env={**os.environ, "PYTHONPATH": folder}, check=True)
         return read_json(out)
 
 

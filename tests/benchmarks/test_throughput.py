@@ -60,19 +60,22 @@ def test_bare_physics_moves_the_bodies_and_nothing_else(task):
 
 def test_earlier_sources_are_measured_alike(monkeypatch, tmp_path):
     options = throughput.Options(engines=("mujoco",), programs=("ppo_env",), num_envs=(2, 4), steps=3, repeats=5)
-    calls = []
+    found, calls = [], []
 
     def run(command: list[str], cwd: Path, env: dict[str, str], check: bool) -> None:
-        calls.append((command, cwd, env))
+        assert env["PYTHONPATH"] == str(cwd)
+        found.append({path.name: path.resolve() for path in cwd.iterdir()})
+        calls.append(command)
         Path(command[command.index("--out") + 1]).write_text('{"batches": []}')
 
     monkeypatch.setattr(throughput.subprocess, "run", run)
     assert throughput.measured_before(tmp_path, options) == {"batches": []}
-    ((command, cwd, env),) = calls
-    assert cwd == tmp_path and env["PYTHONPATH"] == str(tmp_path) and command[1] == throughput.__file__
-    out = command.index("--out")
-    again = tyro.cli(throughput.Options, args=command[2:out] + command[out + 2 :])
-    assert again == options
+    earlier = {name: tmp_path / name for name in ("graphrl_jax", "tasks")}
+    assert found == [{**earlier, "benchmarks": Path(throughput.__file__).parent}]
+    ((_, _, module, *asked),) = calls
+    out = asked.index("--out")
+    assert module == "benchmarks.throughput"
+    assert tyro.cli(throughput.Options, args=asked[:out] + asked[out + 2 :]) == options
 
 
 def test_ppo_is_that_of_the_task(monkeypatch):
