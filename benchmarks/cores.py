@@ -145,12 +145,14 @@ def figure(found: Mapping[str, Any], path: Path) -> None:
     cores.plot([int(count) for count in largest], list(largest.values()), "o", label="measured")
     cores.plot(_ON_PAPER, [found["on_paper"][str(count)] for count in _ON_PAPER], "--", label="on paper")
     for count, batches in measured.items():
-        envs.plot(sizes, [batch["ppo_graph"] for batch in batches], "-o", label=f"{count} cores, PPO")
-        envs.plot(sizes, [batch["physics"] for batch in batches], ":o", label=f"{count} cores, physics")
+        cores_used = "1 core" if count == "1" else f"{count} cores"
+        envs.plot(sizes, [batch["ppo_graph"] for batch in batches], "-o", label=f"{cores_used}, PPO")
+        envs.plot(sizes, [batch["physics"] for batch in batches], ":o", label=f"{cores_used}, physics")
     members.plot([int(count) for count in found["members"]], list(found["members"].values()), "-o")
     for axes, label in ((cores, "CPU cores"), (envs, "environments"), (members, "policies in one program")):
         axes.set(xlabel=label, ylabel="control steps per second", ylim=(0, None))
         axes.set_xscale("log", base=2)
+        axes.xaxis.set_major_formatter("{x:g}")
         plain(axes)
     for axes in (cores, envs):
         axes.legend(frameon=False, fontsize=7)

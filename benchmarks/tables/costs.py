@@ -95,8 +95,8 @@ def speedup_of(result: Result) -> str:
 
 throughput_table = of_result("throughput")(throughput_of)
 speedup_table = of_result("throughput")(speedup_of)
+shoes_speedup_table = of_result("throughput_shoes_in_box")(speedup_of)
 layout_speedup_table = of_result("throughput_match_regions_layout")(speedup_of)
-shoes_throughput_table = of_result("throughput_shoes_in_box")(throughput_of)
 
 
 @of_result("pytorch")
