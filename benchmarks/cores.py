@@ -13,13 +13,10 @@ and the c-th part of that of physics on one core. Writes cores.json and cores.pn
 import math
 import os
 import statistics
-import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import jax
@@ -27,10 +24,10 @@ import tyro
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks import throughput
 from benchmarks.checks import refuse_below
 from benchmarks.context import RESULTS, measured_on
 from benchmarks.figures import plain, save
-from benchmarks.throughput import random_reward
 from benchmarks.timing import in_turns
 from graphrl_jax.experiment import batching
 from graphrl_jax.experiment.environments import TrainingParams, training_environment_of
@@ -38,7 +35,7 @@ from graphrl_jax.experiment.settings import compose
 from graphrl_jax.registry import make_task
 from graphrl_jax.rl import ppo
 from graphrl_jax.runtime import configure
-from graphrl_jax.storage import read_json, write_json
+from graphrl_jax.storage import write_json
 
 PARTS = {
     "physics": ("physics", None),
@@ -80,15 +77,12 @@ class Options:
 
 def throughput_on(cores: int, options: Options) -> list[dict[str, Any]]:
     """The batches of `benchmarks.throughput` on so many cores."""
-    programs = [name for name, _ in PARTS.values() if name != "physics"]
-    with TemporaryDirectory() as folder:
-        out = Path(folder) / "throughput.json"
-        command = [sys.executable, "-m", "benchmarks.throughput", "--programs", *programs, "--out", str(out)]
-        command += ["--num-envs", *map(str, options.num_envs)]
-        command += ["--steps", str(options.steps), "--repeats", str(options.repeats)]
-        allowed = sorted(os.sched_getaffinity(0))[:cores]
-        subprocess.run(command, check=True, preexec_fn=partial(os.sched_setaffinity, 0, allowed))
-        return read_json(out)["batches"]
+    programs = tuple(name for name, _ in PARTS.values() if name != "physics")
+    asked = throughput.Options(
+        programs=programs, num_envs=options.num_envs, steps=options.steps, repeats=options.repeats
+    )
+    allowed = sorted(os.sched_getaffinity(0))[:cores]
+    return throughput.measured_apart(asked, preexec_fn=partial(os.sched_setaffinity, 0, allowed))["batches"]
 
 
 def microseconds_of_parts(rates: Mapping[str, float]) -> dict[str, float]:
@@ -112,7 +106,7 @@ def side_by_side(options: Options) -> dict[str, float]:
     calls = {}
     for count in options.members:
         init, update = batching.policy_programs(settings.ppo_config, training_environment_of(task, "graph"), count)
-        rewards = [random_reward(task, jax.random.key(member)) for member in range(count)]
+        rewards = [throughput.random_reward(task, jax.random.key(member)) for member in range(count)]
         params = batching.stack([TrainingParams(ppo.as_float32(reward), None) for reward in rewards])
         keys = batching.stack([jax.random.key(member) for member in range(count)])
         hyper = batching.stack([ppo.as_float32(settings.ppo)] * count)

@@ -249,6 +249,19 @@ def figure(batches: list[dict[str, Any]], path: Path) -> None:
     save(drawn, path)
 
 
+def measured_apart(options: Options, **process: Any) -> dict[str, Any]:
+    """What this benchmark measures in a process of its own, to which `subprocess.run` gives the arguments `process`."""
+    with TemporaryDirectory() as folder:
+        out = Path(folder) / "throughput.json"
+        command = [sys.executable, "-m", "benchmarks.throughput", "--task", options.task, "--out", str(out)]
+        lists = {"engines": options.engines, "programs": options.programs, "num-envs": options.num_envs}
+        for name, values in lists.items():
+            command += [f"--{name}", *map(str, values)] if values else []
+        command += ["--steps", str(options.steps), "--repeats", str(options.repeats)]
+        subprocess.run(command, check=True, **process)
+        return read_json(out)
+
+
 def measured_before(sources: Path, options: Options) -> dict[str, Any]:
     """What this benchmark measures on earlier sources."""
     with TemporaryDirectory() as folder:
@@ -256,14 +269,7 @@ def measured_before(sources: Path, options: Options) -> dict[str, Any]:
         (mixed / "benchmarks").symlink_to(Path(__file__).absolute().parent)
         for package in ("graphrl_jax", "tasks"):
             (mixed / package).symlink_to((sources / package).absolute())
-        out = mixed / "throughput.json"
-        command = [sys.executable, "-m", "benchmarks.throughput", "--task", options.task, "--out", str(out)]
-        lists = {"engines": options.engines, "programs": options.programs, "num-envs": options.num_envs}
-        for name, values in lists.items():
-            command += [f"--{name}", *map(str, values)] if values else []
-        command += ["--steps", str(options.steps), "--repeats", str(options.repeats)]
-        subprocess.run(command, cwd=mixed, env={**os.environ, "PYTHONPATH": folder}, check=True)
-        return read_json(out)
+        return measured_apart(options, cwd=mixed, env={**os.environ, "PYTHONPATH": folder})
 
 
 def main() -> None:

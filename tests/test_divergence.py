@@ -106,14 +106,15 @@ def test_what_is_learned_beside_a_poisoned_environment_is_what_is_learned_withou
             for reward in rewards:
                 chunk = (training.CONFIG, Poisoned, training.HYPER, ppo.as_float32(reward), state, training.CHUNK)
                 state, metrics = ppo.train_chunk(*chunk)
-            scores.append(float(metrics["score"].mean()))
+            # Poisoned episodes have no score.
+            scores.append(float(metrics["score"].mean() / (1 - metrics["bad_envs"].mean())))
             share = 1 / 64 if name == "poisoned" else 0
             np.testing.assert_allclose(metrics["bad_envs"].mean(), share, atol=0.003)
             assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves((state.params, state.normalizer)))
         found[name] = scores
-    # Over eight seeds, scores spread by 0.1, and one in eight stays behind; 1/64 is what the poisoned episodes lose.
-    assert abs(np.median(found["poisoned"]) - np.median(found["healthy"])) <= 0.05
-    assert min(found["poisoned"]) > 0.7
+    spread = max(np.ptp(found["healthy"]), 0.02)
+    assert abs(np.mean(found["poisoned"]) - np.mean(found["healthy"])) <= spread
+    assert min(found["poisoned"]) > 0.8
 
 
 def test_gradient_steps_that_are_not_finite_are_left_out_and_counted():

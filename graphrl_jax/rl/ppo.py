@@ -270,8 +270,8 @@ def _loss(
     key: jax.Array,
 ) -> tuple[jax.Array, Metrics]:
     """Brax's loss on one minibatch (B, T, ...), with diagnostics."""
-    # The loss and the diagnostics need the policy's output, which costs a tenth of the gradient. Neither
-    # is written so that the compiler sees that it is the same (time is first inside Brax's loss), so it is handed over.
+    # The loss and the diagnostics need the policy's output, which costs a tenth of the gradient. Neither is
+    # written so that the compiler sees that it is the same (time is first inside Brax's loss), so it is handed over.
     logits = network.policy_network.apply(normalizer, params.policy, jnp.swapaxes(data.observation, 0, 1))
     known = replace(network.policy_network, apply=lambda *_: logits)
     loss, brax_metrics = losses.compute_ppo_loss(
